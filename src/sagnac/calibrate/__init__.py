@@ -1,0 +1,77 @@
+"""One module a method; each turns means (or a log) and a plan into a :class:`sagnac.calibration.Calibration`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
+    from ..plan import Plan
+    from ..recording import Recording
+
+METHODS = ("four-position", "multi-position", "norm")
+
+
+def calibrate(
+    method: str,
+    recording: Recording,
+    plan: Plan | None = None,
+    *,
+    matrix: str = "full",
+    robust: bool = False,
+    threshold: float | None = None,
+) -> Calibration:
+    """Calibrate a unit from a recording.
+
+    Parameters
+    ----------
+    method : str
+        One of :data:`METHODS`. ``norm`` without segments in the plan (or without plan) is for a unit turned by hand.
+    recording : Recording
+    plan : Plan, optional
+        What was done with the unit.
+    matrix : str
+        ``full`` or ``triangular``, for multi-position.
+    robust : bool
+        Turn down segments that disagree with the rest.
+    threshold : float, optional
+        For the static intervals of a hand-turned unit, see :func:`sagnac.observe.static.static_intervals`.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    DataError
+        When the data do not support the result.
+    InputError
+        When the recording or the plan cannot be used for this method.
+    """
+    if method not in METHODS:
+        raise InputError(f"there is no method {method!r}; choose from {', '.join(METHODS)}")
+    if matrix not in ("full", "triangular"):
+        raise InputError(f"matrix is 'full' or 'triangular', not {matrix!r}")
+    if method == "norm" and (plan is None or not plan.segment):
+        from ..observe.static import THRESHOLD
+        from .hand_turned import calibrate as calibrate_hand_turned
+
+        return calibrate_hand_turned(recording, plan, threshold=threshold or THRESHOLD, robust=robust)
+    if plan is None:
+        raise InputError(f"{method} needs a plan (--plan) that says which segment was in which position")
+    from ..observe.means import segment_means
+
+    means = segment_means(recording, plan)
+    if method == "four-position":
+        from . import four_position
+
+        return four_position.calibrate_means(means, plan, recording=recording, robust=robust)
+    if method == "multi-position":
+        from . import multi_position
+
+        return multi_position.calibrate_means(means, plan, matrix=matrix, recording=recording, robust=robust)
+    from . import norm
+
+    return norm.calibrate_means(means, plan, recording=recording, robust=robust)

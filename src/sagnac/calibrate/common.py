@@ -1,0 +1,204 @@
+"""What every method needs: the noise to weigh with, and the result record."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import calibration as record
+from .._version import __version__
+from ..calibration import Calibration
+from ..earth import STANDARD_GRAVITY
+from ..errors import InputError
+from ..estimate import Estimate
+from ..files import sha256
+from ..frames import Array
+from ..observe.means import SegmentMeans
+from ..plan import Plan
+from ..recording import Recording
+from ..rigs.turntable import Site, attitude
+
+
+_NOMINAL = 1e-10
+"""Noise, relative to the readings, that stands in until the residuals tell: so small that no prior outweighs data."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise to weigh the means of one sensor with.
+
+    Attributes
+    ----------
+    density : ndarray, shape (3,)
+        Per sqrt(Hz), in the unit of the readings.
+    known : bool
+        Whether it was stated or measured; otherwise only the residuals can tell.
+    remarks : tuple of str
+    """
+
+    density: Array
+    known: bool
+    remarks: tuple[str, ...] = ()
+
+
+def noise_of(means: SegmentMeans, plan: Plan, sensor: str, gain: float = 1.0, size: float = 1.0) -> Noise:
+    """Noise of a sensor: as stated in the plan unless the data show clearly more, else as found in the data.
+
+    Parameters
+    ----------
+    means : SegmentMeans
+    plan : Plan
+    sensor : str
+    gain : float
+        Counts per SI unit for raw readings.
+    size : float
+        Size of the readings, which sets a nominal noise when nothing is known.
+    """
+    stated = getattr(plan.unit.noise, sensor)
+    found = means.density[sensor]
+    dof = means.noise_degrees_of_freedom
+    usable = dof > 0 and bool(np.all(np.isfinite(found))) and float(found.max()) > 1e-13 * abs(size)
+    if usable:
+        found = np.where(found > 0, found, found.max())
+    if stated is None:
+        return Noise(found, True) if usable else Noise(np.full(3, _NOMINAL * abs(size)), False)
+    density = np.full(3, stated * gain)
+    if not usable:
+        return Noise(density, True)
+    ratio = found / density
+    limit = max(1.5, np.sqrt(1.0 + 5.0 * np.sqrt(2.0 / dof)))
+    if np.any(ratio > limit):
+        text = f"the {sensor} data show up to {ratio.max():.2g} times the noise stated in the plan: the data's own is used"
+        return Noise(np.maximum(found, density), True, (text,))
+    if np.all(ratio < 0.5):  # noqa: PLR2004 - a factor of two is worth a word
+        text = f"the {sensor} data show only {ratio.max():.2g} of the noise stated in the plan, which is used all the same"
+        return Noise(density, True, (text,))
+    return Noise(density, True)
+
+
+def site_of(plan: Plan, why: str) -> Site:
+    """Site of a plan for methods that need the Earth rate."""
+    return Site(plan.need_latitude(why), plan.site_gravity, plan.earth_rate)
+
+
+def nominal_attitudes(means: SegmentMeans) -> Array | None:
+    """C_k^n at the middle of each segment from the table's settings, shape (n, 3, 3), or None when an angle is missing."""
+    settings = [s.angles for s in means.segments]
+    if any(a is None for a in settings):
+        return None
+    angles = np.array(settings, dtype=float)
+    rates = np.array([s.outer_rate for s in means.segments])
+    starts = np.array([s.start for s in means.segments])
+    angles[:, 0] += rates * (means.mid_time - starts)
+    return attitude(angles)
+
+
+def need_angles(means: SegmentMeans, method: str) -> Array:
+    """Table angles at mid time, shape (n, 3), or an error that names the segment without them."""
+    for s in means.segments:
+        if s.angles is None:
+            raise InputError(f"segment {s.name!r} lacks outer, middle or inner; {method} knows the input from them")
+    angles = np.array([s.angles for s in means.segments], dtype=float)
+    angles[:, 0] += np.array([s.outer_rate for s in means.segments]) * (
+        means.mid_time - np.array([s.start for s in means.segments])
+    )
+    return angles
+
+
+def gravity_source(plan: Plan | None) -> str:
+    """Where gravity came from, in words."""
+    if plan is None or (plan.gravity is None and plan.latitude is None):
+        return f"standard gravity {STANDARD_GRAVITY}, no site given"
+    return "given" if plan.gravity is not None else "normal gravity, WGS-84"
+
+
+def fit_record(parts: Sequence[tuple[Estimate, Sequence[int]]], residuals: dict[str, record.Scatter]) -> record.Fit:
+    """The fit part of the result.
+
+    Parameters
+    ----------
+    parts : sequence of (Estimate, indices)
+        The fits that the result came from, and which of their parameters it reports, in the result's order.
+    residuals : dict of str to Scatter
+    """
+    from scipy.special import chdtrc
+
+    fits = [e for e, _ in parts]
+    chi2, dof = sum(e.chi2 for e in fits), sum(e.degrees_of_freedom for e in fits)
+    conditions = [e.condition for e in fits if np.isfinite(e.condition)]
+
+    def picked(kind: str) -> tuple[float, ...] | None:
+        values = [getattr(e, kind) for e in fits]
+        if any(v is None for v in values):
+            return None
+        return tuple(float(v[i]) for v, (_, order) in zip(values, parts, strict=True) for i in order)
+
+    return record.Fit(
+        chi2=chi2,
+        degrees_of_freedom=dof,
+        residual_rms=float(np.sqrt(np.mean(np.concatenate([e.residual for e in fits]) ** 2))),
+        converged=True,
+        iterations=sum(e.iterations for e in fits),
+        p_value=float(chdtrc(dof, chi2)) if dof > 0 else None,
+        condition=max(conditions) if conditions else None,
+        uncertainty=" / ".join(dict.fromkeys(e.used for e in fits)),
+        white=picked("white"),
+        cluster=picked("cluster"),
+        delete_one=picked("jackknife"),
+        residuals=residuals,
+        influence=tuple(
+            record.Influence(
+                segment=i.segment,
+                leverage=i.leverage,
+                chi2=i.chi2,
+                shift=i.shift if np.isfinite(i.shift) else None,
+                parameter=i.parameter,
+            )
+            for e in fits
+            for i in e.influence
+        ),
+    )
+
+
+def result(
+    method: str,
+    parameters: tuple[record.Value, ...],
+    covariance: Array,
+    fit: record.Fit,
+    *,
+    plan: Plan | None,
+    gravity: float,
+    recording: Recording | None = None,
+    span: tuple[float, float] | None = None,
+    budget: tuple[record.BudgetLine, ...] = (),
+    remarks: Sequence[str] = (),
+) -> Calibration:
+    """Assemble the result record."""
+    source: tuple[record.Source, ...] = ()
+    if recording is not None:
+        digest = sha256(recording.path) if recording.path is not None else None
+        start, stop = span if span is not None else (None, None)
+        source = (record.Source(file=recording.name, sha256=digest, start=start, stop=stop),)
+    return Calibration(
+        schema=record.SCHEMA,
+        method=method,
+        unit=record.UnitName(model=plan.unit.model, serial=plan.unit.serial) if plan else record.UnitName(),
+        parameters=parameters,
+        covariance=record.covariance_rows(covariance),
+        fit=fit,
+        budget=budget,
+        site=record.Site(
+            latitude=plan.latitude if plan else None,
+            height=plan.height if plan else 0.0,
+            gravity=gravity,
+            gravity_source=gravity_source(plan),
+            earth_rate=plan.earth_rate if plan else None,
+        ),
+        source=source,
+        remarks=tuple(remarks),
+        software=record.Software(version=__version__),
+        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    )

@@ -1,0 +1,196 @@
+"""Norm calibration without a rig: a unit turned by hand from rest to rest.
+
+The static intervals are found, the accelerometers are calibrated in them by the norm of gravity as on a table
+(:mod:`.norm`), the gyros by gravity's turn from interval to interval (:mod:`.hand_gyros`).
+
+What a hand-turned log can know of signs: the accelerometers' common sign, never (gravity and its reaction look alike: an
+upward axis at rest is taken to read more than its bias). The rest follows from the rotations, of which every pattern of
+gyro signs has one explanation by a single cause: one gyro reversed, one accelerometer reversed (two gyros seem so), or the
+sense of rotation of all (three do).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..calibration import Calibration, Scatter, named
+from ..errors import DataError
+from ..estimate import Estimate
+from ..frames import Array
+from ..observe.means import SegmentMeans, segment_means
+from ..observe.saturation import refuse_saturated_motion
+from ..observe.static import THRESHOLD, StaticIntervals, static_intervals
+from ..plan import Plan, Segment
+from ..recording import Batch, Recording, from_arrays, sample_interval
+from ..sensors import AXES, Triad, signed_permutation
+from . import common, norm, sanity
+from .hand_gyros import GyroFit, calibrate_gyros, mirrored
+
+GRAVITY_SPREAD = 0.015
+"""m/s^2, standard deviation of gravity over the Earth's surface (9.780 to 9.832, uniform): used when no site is given."""
+
+
+def calibrate(
+    recording: Recording, site: Plan | None = None, *, threshold: float = THRESHOLD, robust: bool = False
+) -> Calibration:
+    """Calibrate a unit from a log of it standing still in many attitudes and being turned by hand between.
+
+    Parameters
+    ----------
+    recording : Recording
+        Accelerometers, and gyros if they are to be calibrated; raw counts or SI.
+    site : Plan, optional
+        Its latitude and gravity are used. Without either, standard gravity with the spread of gravity over the Earth
+        as its uncertainty.
+    threshold : float
+        Static intervals have a moving variance of at most this many times that of the quietest windows.
+    robust : bool
+        Turn down attitudes that disagree with the rest.
+
+    Returns
+    -------
+    Calibration
+        Accelerometers with a lower-triangular matrix (x_b along accelerometer x), gyros with a full matrix in that frame,
+        bias and 3x3 g-sensitivity.
+
+    Raises
+    ------
+    DataError
+        When there are too few attitudes or rotations, columns are permuted or an axis dead or saturated.
+    """
+    recording.need("accel")
+    batch = recording.read()
+    found = static_intervals(batch, threshold)
+    if len(found.start) == 0:
+        raise DataError(
+            f"{recording.name}: no static interval found (threshold {threshold:g} times the quietest variance); the unit "
+            "must stand still for a few seconds in each attitude"
+        )
+    site = _with_gravity(site)
+    means, plan = means_of(batch, found, site, recording.counts, recording.name)
+    refuse_saturated_motion(recording.name, batch)
+    solution = norm.solve(means, plan, robust=robust)
+    triad = solution.model.accel
+    assert triad is not None  # the recording has accelerometers
+    remarks = [r for r in solution.case.remarks if "no turning segments" not in r]
+    remarks.insert(0, f"{len(found.start)} static intervals found in {means.span[1] - means.span[0]:.0f} s")
+    if site.gravity_uncertainty >= GRAVITY_SPREAD:
+        remarks.append("no site given: standard gravity assumed, its spread over the Earth is in the scale factors")
+    accel, gyro = solution.fit, None
+    if batch.gyro is not None:
+        up_rate = plan.earth_rate * np.sin(plan.latitude) if plan.latitude is not None else 0.0
+        gyro = calibrate_gyros(batch, found, means, accel, triad, "gyro" in recording.counts, up_rate)
+        accel, gyro, said = _signs(accel, triad, gyro)
+        remarks += said
+        if plan.latitude is None:
+            remarks.append("no latitude given: the gyros' g-sensitivity contains the vertical Earth rate per g")
+    return _report(recording, means, plan, accel, triad, gyro, remarks)
+
+
+def means_of(
+    batch: Batch, found: StaticIntervals, site: Plan, counts: frozenset[str], name: str
+) -> tuple[SegmentMeans, Plan]:
+    """Means of the static intervals, as if a plan had named them ``1``, ``2``, ...
+
+    Parameters
+    ----------
+    batch : Batch
+        The whole recording.
+    found : StaticIntervals
+    site : Plan
+        Site and unit; its segments are replaced.
+    counts : frozenset of str
+        Sensors in raw counts.
+    name : str
+        Of the recording, for messages.
+    """
+    half = 0.5 * sample_interval(batch.time)
+    segments = tuple(
+        Segment(name=str(i + 1), start=float(batch.time[a]) - half, stop=float(batch.time[b - 1]) + half)
+        for i, (a, b) in enumerate(zip(found.start, found.stop, strict=True))
+    )
+    plan = site.model_copy(update={"segment": segments})
+    recording = from_arrays(batch.time, batch.accel, batch.gyro, counts=tuple(counts), name=name)
+    return segment_means(recording, plan), plan
+
+
+def _with_gravity(site: Plan | None) -> Plan:
+    site = site or Plan()
+    if site.gravity is None and site.latitude is None:
+        return site.model_copy(update={"gravity": 9.80665, "gravity_uncertainty": GRAVITY_SPREAD})
+    return site
+
+
+def _signs(accel: Estimate, triad: Triad, gyro: GyroFit) -> tuple[Estimate, GyroFit, list[str]]:
+    """Name what the gyros' signs say, and turn the frame round where one accelerometer is the cause."""
+    matrix, _, _ = gyro.triad.unpack(gyro.fit.value)
+    axes, signs = signed_permutation(matrix)
+    reversed_gyros = [i for i, s in enumerate(signs) if s < 0]
+    if axes != (0, 1, 2) or len(reversed_gyros) != 2:  # noqa: PLR2004
+        said = sanity.check_gyro_sense(matrix, gyro.triad.counts, "the accelerometers")
+        if not gyro.triad.counts:
+            sanity.check_scale("gyro", matrix)
+        return accel, gyro, said
+    axis = ({0, 1, 2} - set(reversed_gyros)).pop()
+    text = (
+        f"accel_{AXES[axis]} reads minus the specific force: the accelerometers form a left-handed set, which the "
+        f"rotations show (or gyros {' and '.join(AXES[i] for i in reversed_gyros)} are both reversed)"
+    )
+    if not triad.counts or not gyro.triad.counts:
+        raise DataError(f"{text}. Change the sign of the column")
+    flip = np.ones(3)
+    flip[axis] = -1.0
+    turned = replace(gyro, fit=mirrored(gyro.triad, gyro.fit, flip, -1.0))
+    k = len(triad.names)
+    change_gyro = np.sign(turned.fit.value * gyro.fit.value + 1e-300)
+    accel_turned = mirrored(triad, accel, flip, 1.0)
+    change_accel = np.sign(accel_turned.value[:k] * accel.value[:k] + 1e-300)
+    turned = replace(turned, cross=gyro.cross * change_gyro[:, None] * change_accel[None, :])
+    return accel_turned, turned, [f"{text}; its gain is reported negative"]
+
+
+def _report(
+    recording: Recording,
+    means: SegmentMeans,
+    plan: Plan,
+    accel: Estimate,
+    triad: Triad,
+    gyro: GyroFit | None,
+    remarks: list[str],
+) -> Calibration:
+    k = len(triad.names)
+    names, units = list(triad.names), list(triad.units)
+    value, covariance = accel.value[:k], accel.covariance[:k, :k]
+    parts = [(accel, list(range(k)))]
+    norm_rms = _norm_residual(means, triad, value, plan.site_gravity)
+    residuals = {"static norm": Scatter(rms=norm_rms, unit="m/s^2", count=len(means.count))}
+    if gyro is not None:
+        names += gyro.triad.names
+        units += gyro.triad.units
+        value = np.concatenate([value, gyro.fit.value])
+        covariance = norm.block_diagonal(covariance, gyro.fit.covariance)
+        covariance[k:, :k], covariance[:k, k:] = gyro.cross[:, :k], gyro.cross[:, :k].T
+        parts.append((gyro.fit, list(range(len(gyro.triad.names)))))
+        residuals["rotation"] = Scatter(rms=float(np.degrees(gyro.angle_rms)), unit="deg", count=gyro.rotations)
+        unit = "count" if gyro.triad.counts else "rad/s"
+        residuals["gyro at rest"] = Scatter(rms=gyro.static_rms, unit=unit, count=3 * len(means.count))
+    return common.result(
+        "norm",
+        named(names, units, value, covariance),
+        covariance,
+        common.fit_record(parts, residuals),
+        plan=plan,
+        gravity=plan.site_gravity,
+        recording=recording,
+        span=means.span,
+        remarks=remarks,
+    )
+
+
+def _norm_residual(means: SegmentMeans, triad: Triad, value: Array, gravity: float) -> float:
+    """Rms of the norm's misfit over the static intervals, m/s^2."""
+    matrix, bias, _ = triad.unpack(value)
+    norms = np.linalg.norm(np.linalg.solve(matrix, (means.mean["accel"] - bias).T), axis=0)
+    return float(np.sqrt(np.mean((norms - gravity) ** 2)))

@@ -1,0 +1,110 @@
+"""How the unit sits on the table: C_b^k and the tilt of the outer axis, from directions and the table's settings.
+
+[DONG18] takes small-angle differences of four positions (its equations 25 to 27); here all positions are solved with full
+rotations:
+
+    a_s = C_k^b Ry(-inner) ... e_3   (third row of C_k^n for the settings of segment s, turned to b)
+    C_b^k = Rx(mount.x) Ry(mount.y) Rz(mount.z)
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..estimate import Estimate, Parameter, Rows, estimate
+from ..frames import Array, rot_x, rot_y, rot_z, skew, tangents, wahba
+from ..observe.means import SegmentMeans
+from ..plan import Plan
+from ..rigs.turntable import attitude
+from .common import need_angles
+
+_FEWEST = 3
+_FREE_TILT = 0.01  # rad: prior where the plan states no axis uncertainty
+
+
+def matrix(angles: Array) -> Array:
+    """C_b^k of the three mounting angles (3,), rad."""
+    return np.asarray(rot_x(angles[0]) @ rot_y(angles[1]) @ rot_z(angles[2]))
+
+
+def angles_of(c_b_k: Array) -> Array:
+    """Mounting angles (3,) of C_b^k, the inverse of :func:`matrix`."""
+    return np.array(
+        [
+            np.arctan2(-c_b_k[1, 2], c_b_k[2, 2]),
+            np.arcsin(np.clip(c_b_k[0, 2], -1.0, 1.0)),
+            np.arctan2(-c_b_k[0, 1], c_b_k[0, 0]),
+        ]
+    )
+
+
+def derivatives(angles: Array) -> Array:
+    """Derivative of C_b^k to each mounting angle, shape (3, 3, 3)."""
+    x, y, z = rot_x(angles[0]), rot_y(angles[1]), rot_z(angles[2])
+    ex, ey, ez = skew(np.eye(3))
+    return np.stack([ex @ x @ y @ z, x @ ey @ y @ z, x @ y @ z @ ez])
+
+
+def find(means: SegmentMeans, plan: Plan, directions: Array) -> Estimate | None:
+    """Mounting angles and tilt of the outer axis.
+
+    Parameters
+    ----------
+    means : SegmentMeans
+    plan : Plan
+    directions : ndarray, shape (n, 3)
+        Direction of up (static) or of the outer axis (turning) in b.
+
+    Returns
+    -------
+    Estimate or None
+        Parameters ``rig.mount.x, y, z`` and ``rig.tilt.x, y`` in rad; None when the settings are not in the plan or all
+        directions are alike.
+    """
+    if any(s.angles is None for s in means.segments) or len(directions) < _FEWEST:
+        return None
+    settings = need_angles(means, "the mounting")
+    static = np.array([s.outer_rate == 0 for s in means.segments])
+    nominal = attitude(settings)[:, 2, :]
+    if np.linalg.svd(nominal, compute_uv=False)[1] < 0.1:  # noqa: PLR2004 - one direction leaves the turn about it open
+        return None
+    first = angles_of(wahba(nominal, directions).T)
+    basis = tangents(directions)
+    weight = _weights(settings, plan, basis, first)
+    stated = plan.rig.angle_uncertainty > 0
+    to_enu = attitude(settings)
+
+    def rows(x: Array) -> Rows:
+        to_b = matrix(x[:3]).T
+        # up in the table's base frame, tilted: Rx Ry transposed applied to e_3, to first order in the small tilt
+        lean = np.zeros((len(directions), 3))
+        lean[:, 2] = 1.0
+        lean[static] += np.array([-x[4], x[3], 0.0])
+        in_k = np.einsum("nji,nj->ni", to_enu, lean)
+        d_up = np.einsum("kji,nj->nik", derivatives(x[:3]), in_k)
+        d_tilt = np.einsum("ij,nkj->nik", to_b, to_enu)[:, :, :2] @ np.array([[0.0, -1.0], [1.0, 0.0]])
+        d_tilt[~static] = 0.0
+        jac = np.concatenate([d_up, d_tilt], axis=2)
+        turned = weight @ np.swapaxes(basis, -1, -2)
+        r = (turned @ (directions - in_k @ to_b.T)[..., None])[..., 0]
+        return Rows(r.ravel(), -(turned @ jac).reshape(-1, 5), np.repeat(np.arange(len(directions)), 2))
+
+    tilt = plan.rig.axis_uncertainty or _FREE_TILT
+    parameters = [Parameter(f"rig.mount.{a}", "rad", float(v), 0.5) for a, v in zip("xyz", first, strict=True)]
+    parameters += [Parameter(f"rig.tilt.{a}", "rad", 0.0, 0.5, 0.0, tilt) for a in "xy"]
+    return estimate(parameters, rows, list(means.names), noise_known=stated)
+
+
+def _weights(settings: Array, plan: Plan, basis: Array, first: Array) -> Array:
+    """Whitening (n, 2, 2) of the directions for errors of the settings and of the axes."""
+    sigma = np.hypot(plan.rig.angle_uncertainty, plan.rig.axis_uncertainty) or 1e-6
+    step = 1e-6
+    moved = []
+    for i in range(3):
+        shift = np.zeros(3)
+        shift[i] = step
+        moved.append((attitude(settings + shift) - attitude(settings - shift))[:, 2, :] / (2 * step))
+    in_b = np.stack(moved, axis=2)
+    across = np.swapaxes(basis, -1, -2) @ (matrix(first).T @ in_b)
+    covariance = sigma**2 * (across @ np.swapaxes(across, -1, -2)) + (0.01 * sigma) ** 2 * np.eye(2)
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))

@@ -1,0 +1,143 @@
+"""Signs, swapped columns and wrong units, found from the first matrices of a fit and named."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import DataError
+from ..frames import Array
+from ..sensors import AXES, signed_permutation
+
+_MISREAD = {
+    "accel": {
+        9.80665: "the samples look like m/s^2 but are labelled g",
+        1 / 9.80665: "the samples look like g but are labelled m/s^2",
+    },
+    "gyro": {
+        57.29577951308232: "the samples look like deg/s but are labelled rad/s",
+        1 / 57.29577951308232: "the samples look like rad/s but are labelled deg/s",
+        3600.0: "the samples look like deg/h but are labelled deg/s",
+        1 / 3600.0: "the samples look like deg/s but are labelled deg/h",
+    },
+}
+
+
+def check_scale(kind: str, matrix: Array) -> None:
+    """Refuse SI readings whose gain is no gain of a sensor in that unit.
+
+    Parameters
+    ----------
+    kind : str
+        ``accel`` or ``gyro``.
+    matrix : ndarray, shape (3, 3)
+        First S of readings in SI.
+
+    Raises
+    ------
+    DataError
+        Naming the unit that would explain it.
+    """
+    gains = np.linalg.norm(matrix, axis=1)
+    usual = float(np.median(gains))
+    if np.all(np.abs(gains - 1.0) < 0.4):  # noqa: PLR2004 - no calibrated instrument is 40 % off
+        return
+    for ratio, text in _MISREAD[kind].items():
+        if abs(np.log(usual / ratio)) < 0.2:  # noqa: PLR2004 - within 20 % of a known mix-up
+            raise DataError(f"the {kind} gain is {usual:.4g} where 1 is expected: {text}. Correct the header or --units")
+    shown = ", ".join(f"{kind}_{a} {v:.4g}" for a, v in zip(AXES, gains, strict=True))
+    raise DataError(
+        f"gains of {shown} where 1 is expected: check the unit, the plan's rates and angles, or pass raw samples as counts"
+    )
+
+
+def check_accel_sense(measured: Array, nominal: Array, counts: bool) -> tuple[Array, list[str]]:
+    """Signs of the accelerometers against the table's settings.
+
+    A norm cannot tell a gain from minus it. The table can: a set of directions that fits the settings only through a
+    mirror has an axis reversed or two columns swapped.
+
+    Parameters
+    ----------
+    measured : ndarray, shape (n, 3)
+        Directions of up found with all gains positive, in b.
+    nominal : ndarray, shape (n, 3)
+        The same from the settings, in k.
+    counts : bool
+        Whether negative gains can be expressed (raw counts); SI readings with a wrong sign are refused.
+
+    Returns
+    -------
+    signs : ndarray, shape (3,)
+        Of the gains x, y, z.
+    remarks : list of str
+
+    Raises
+    ------
+    DataError
+        Naming the axis or the swap.
+    """
+    left, values, right = np.linalg.svd(measured.T @ nominal)
+    turn = left @ right  # b from k
+    axes, signs = signed_permutation(turn)
+    spread = values[2] > 0.05 * values[0]  # positions all in one plane look the same in a mirror
+    if np.linalg.det(turn) > 0 or not spread:
+        return np.ones(3), _turned_mount(turn) if spread else []
+    if axes == (0, 1, 2):
+        reversed_axes = [f"accel_{a}" for a, s in zip(AXES, signs, strict=True) if s < 0]
+        text = f"{', '.join(reversed_axes)}: reads minus the specific force (at rest an upward axis must read +g)"
+        if not counts:
+            raise DataError(f"{text}. Change the sign of the column, or the plan's angles")
+        return np.array(signs, dtype=float), [f"negative gain of {text}"]
+    swapped = ", ".join(f"accel_{AXES[i]} answers to {AXES[axes[i]]}" for i in range(3) if axes[i] != i)
+    raise DataError(f"the accelerometer axes form a left-handed set: {swapped}. Two columns are swapped; see --map")
+
+
+def _turned_mount(turn: Array) -> list[str]:
+    angle = float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
+    if angle < 20.0:  # noqa: PLR2004 - no mounting error
+        return []
+    return [
+        f"the unit sits turned by {angle:.0f} deg against the table's case frame; if it did not, two axes have their signs "
+        "reversed, columns are permuted, or the plan's angles are in another order"
+    ]
+
+
+def check_gyro_sense(matrix: Array, counts: bool, against: str) -> list[str]:
+    """Order and signs of the gyros against the accelerometers or the table.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (3, 3)
+        First S of the gyros in the accelerometers' frame.
+    counts : bool
+        Whether negative gains can be expressed.
+    against : str
+        What the gyros were compared with, for the message.
+
+    Returns
+    -------
+    list of str
+        Remarks.
+
+    Raises
+    ------
+    DataError
+        Naming the permutation or the wrong sense.
+    """
+    axes, signs = signed_permutation(matrix)
+    if axes != (0, 1, 2):
+        answers = ", ".join(f"gyro_{AXES[i]} answers to rotation about {AXES[axes[i]]}" for i in range(3) if axes[i] != i)
+        raise DataError(f"the gyro columns are permuted against {against}: {answers}. Rename them with --map")
+    negative = [f"gyro_{a}" for a, s in zip(AXES, signs, strict=True) if s < 0]
+    if not negative:
+        return []
+    if len(negative) == 3:  # noqa: PLR2004 - all axes
+        text = (
+            f"wrong sense of rotation: all three gyros turn against {against} (gyro signs reversed, a left-handed set of "
+            "axes such as two swapped columns, or the rate's sign in the plan)"
+        )
+    else:
+        text = f"wrong sense of rotation: {', '.join(negative)} against {against}"
+    if not counts:
+        raise DataError(f"{text}. Change the sign of the columns or of the plan's rates")
+    return [f"{text}; the gain is reported negative"]

@@ -1,0 +1,331 @@
+"""The result: named parameters with their covariance, how the fit went, where it came from. JSON in and out.
+
+The JSON Schema of the file is :data:`SCHEMA_FILE`, published with the package.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from . import units
+from .errors import InputError
+from .files import write_atomically
+from .frames import Array
+
+SCHEMA = "sagnac/calibration/1"
+SCHEMA_FILE = Path(__file__).with_name("calibration-1.schema.json")
+
+# SI unit -> units to print it in, coarse to fine
+_PRINTED = {
+    "m/s^2": ("mg", "ug"),
+    "rad/s": ("deg/s", "deg/h"),
+    "1": ("", "ppm"),
+    "rad": ("deg", "arcsec"),
+    "count": ("count",),
+    "m": ("m", "mm"),
+}
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Value(_Record):
+    """One parameter; `unit` is SI or counts."""
+
+    name: str
+    value: float
+    unit: str
+    standard_uncertainty: float = Field(ge=0)
+
+
+class Influence(_Record):
+    """What one segment does to the result (see :class:`sagnac.estimate.Influence`)."""
+
+    segment: str
+    leverage: float
+    chi2: float
+    shift: float | None
+    parameter: str
+
+
+class Scatter(_Record):
+    """Residuals of one kind of reading."""
+
+    rms: float
+    unit: str
+    count: int
+
+
+class Fit(_Record):
+    """How well the model describes the data.
+
+    ``residual_rms`` is that of the whitened residuals: one when the stated noise explains them. ``white``,
+    ``cluster`` and ``delete_one`` are standard uncertainties in the order of the parameters from the noise alone, from
+    the scatter of whole segments, and from leaving out one segment at a time; ``uncertainty`` says which the result uses.
+    """
+
+    chi2: float
+    degrees_of_freedom: int
+    residual_rms: float
+    converged: bool
+    iterations: int
+    p_value: float | None = None
+    condition: float | None = None
+    uncertainty: str = "white"
+    white: tuple[float, ...] | None = None
+    cluster: tuple[float, ...] | None = None
+    delete_one: tuple[float, ...] | None = None
+    residuals: dict[str, Scatter] = {}
+    influence: tuple[Influence, ...] = ()
+
+
+class BudgetLine(_Record):
+    """Contribution of one source to each parameter's standard uncertainty, in the order of the parameters."""
+
+    source: str
+    standard_uncertainty: tuple[float, ...]
+
+
+class UnitName(_Record):
+    """Which unit was calibrated."""
+
+    model: str = ""
+    serial: str = ""
+
+
+class Site(_Record):
+    """Latitude [rad], height [m], gravity [m/s^2], Earth rate [rad/s]."""
+
+    latitude: float | None = None
+    height: float = 0.0
+    gravity: float
+    gravity_source: str = ""
+    earth_rate: float | None = None
+
+
+class Source(_Record):
+    """A file that went in."""
+
+    file: str
+    sha256: str | None = None
+    start: float | None = None
+    stop: float | None = None
+
+
+class Software(_Record):
+    """What made the result."""
+
+    name: str = "sagnac"
+    version: str
+
+
+class Calibration(_Record):
+    """A calibration. :func:`load` reads one, :meth:`save` writes it."""
+
+    schema_id: Literal["sagnac/calibration/1"] = Field(default=SCHEMA, alias="schema")
+    method: str
+    unit: UnitName = UnitName()
+    parameters: tuple[Value, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    fit: Fit
+    budget: tuple[BudgetLine, ...] = ()
+    site: Site
+    source: tuple[Source, ...] = ()
+    remarks: tuple[str, ...] = ()
+    software: Software
+    created: str
+
+    @model_validator(mode="after")
+    def _square(self) -> Self:
+        n = len(self.parameters)
+        if len(self.covariance) != n or any(len(row) != n for row in self.covariance):
+            raise ValueError(f"the covariance is not {n} by {n} as the parameters ask")
+        names = [p.name for p in self.parameters]
+        if len(set(names)) != n:
+            raise ValueError("a parameter stands twice")
+        for i, p in enumerate(self.parameters):
+            variance = self.covariance[i][i]
+            if not math.isclose(math.sqrt(max(variance, 0.0)), p.standard_uncertainty, rel_tol=1e-6, abs_tol=1e-300):
+                raise ValueError(f"the covariance of {p.name} does not agree with its standard uncertainty")
+        return self
+
+    def values(self) -> dict[str, float]:
+        """Parameter values by name, SI or counts."""
+        return {p.name: p.value for p in self.parameters}
+
+    def __getitem__(self, name: str) -> Value:
+        """Parameter by name."""
+        for p in self.parameters:
+            if p.name == name:
+                return p
+        raise KeyError(f"{name!r} is not in this calibration; it has: {', '.join(self.values())}")
+
+    @property
+    def matrix(self) -> Array:
+        """Covariance as an array, shape (k, k)."""
+        return np.array(self.covariance).reshape(len(self.parameters), -1)
+
+    def to_json(self) -> str:
+        """The file's text; numbers are written so that they read back exactly."""
+        return json.dumps(self.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False) + "\n"
+
+    def save(self, path: str | Path) -> None:
+        """Write the JSON file, whole or not at all."""
+        with write_atomically(path) as temporary:
+            temporary.write_text(self.to_json(), encoding="utf-8")
+
+    def summary(self) -> str:
+        """The result as a page of text, like a laboratory's report."""
+        return _summary(self)
+
+
+def loads(text: str, source: str = "calibration") -> Calibration:
+    """A calibration from JSON text, see :func:`load`."""
+    try:
+        table = json.loads(text)
+    except (ValueError, RecursionError) as cause:
+        raise InputError(f"{source}: not a JSON file: {cause}") from cause
+    version = table.get("schema") if isinstance(table, dict) else None
+    if version != SCHEMA:
+        found = f"its schema is {version!r}" if version else "it names no schema"
+        raise InputError(f"{source}: not a calibration that this version reads ({SCHEMA!r}); {found}")
+    try:
+        return Calibration.model_validate(table)
+    except ValidationError as cause:
+        first = cause.errors()[0]
+        place = ".".join(str(p) for p in first["loc"]) or "file"
+        raise InputError(f"{source}: damaged calibration: {place}: {first['msg']}") from cause
+
+
+def load(path: str | Path) -> Calibration:
+    """Read a calibration file.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, is no calibration, or is of a version that this one does not know.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as cause:
+        raise InputError(f"{path}: cannot read the calibration: {cause}") from cause
+    return loads(text, str(path))
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of the file, made from the records above."""
+    schema = Calibration.model_json_schema(by_alias=True)
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["$id"] = SCHEMA
+    return schema
+
+
+def printed(value: float, sigma: float, si_unit: str) -> tuple[str, str, str]:
+    """Value and uncertainty as text with as many digits as the uncertainty deserves, and their unit.
+
+    Parameters
+    ----------
+    value, sigma : float
+    si_unit : str
+        Unit of both.
+
+    Returns
+    -------
+    value, sigma, unit : str
+    """
+    choices = _PRINTED.get(si_unit, (si_unit,))
+    unit_text = choices[-1]
+    for choice in choices:
+        size = abs(units.convert(1.0, si_unit, choice)) if len(choices) > 1 else 1.0
+        if sigma * size >= 0.01 or (sigma == 0 and abs(value) * size >= 1):  # noqa: PLR2004 - two digits fit
+            unit_text = choice
+            break
+    size = units.convert(1.0, si_unit, unit_text) if len(choices) > 1 else 1.0
+    v, s = value * size, sigma * size
+    if s > 0 and math.isfinite(s):
+        digits = max(0, 1 - math.floor(math.log10(s)))
+        if digits > 9:  # noqa: PLR2004 - noise-free data: scientific notation reads better
+            return f"{v:.12g}", f"{s:.1e}", unit_text
+        return f"{v:.{digits}f}", f"{s:.{digits}f}", unit_text
+    return f"{v:.9g}", "-" if s == 0 else f"{s:.2g}", unit_text
+
+
+def _summary(cal: Calibration) -> str:
+    head = [f"Calibration by {cal.method}", ""]
+    if cal.unit.model or cal.unit.serial:
+        head.append(f"  unit        {cal.unit.model} {cal.unit.serial}".rstrip())
+    head += [f"  recording   {s.file}" + (f"  sha256 {s.sha256[:12]}..." if s.sha256 else "") for s in cal.source]
+    gravity = f"{cal.site.gravity:.6f} m/s^2"
+    head.append(f"  gravity     {gravity}" + (f" ({cal.site.gravity_source})" if cal.site.gravity_source else ""))
+    head += ["", f"  {'parameter':<28}{'value':>14}  {'std. unc.':>11}  {'unit':<16}"]
+    for p in cal.parameters:
+        value, sigma, unit = printed(p.value, p.standard_uncertainty, p.unit)
+        head.append(f"  {p.name:<28}{value:>14}  {sigma:>11}  {unit:<16}".rstrip())
+    return "\n".join([*head, "", *_fit_lines(cal), *_strongest(cal), *_budget_lines(cal), *_remark_lines(cal)]) + "\n"
+
+
+def _fit_lines(cal: Calibration) -> list[str]:
+    fit = cal.fit
+    p_text = "" if fit.p_value is None else f", probability {fit.p_value:.2g}"
+    lines = [f"  chi-square {fit.chi2:.4g} for {fit.degrees_of_freedom} degrees of freedom{p_text}"]
+    meaning = {
+        "white": "the stated noise explains the scatter between segments; uncertainties follow from it",
+        "scaled": "uncertainties scaled by the scatter of the residuals",
+        "delete-one-segment": "segments scatter more than their noise; uncertainties are from leaving out one at a time",
+    }
+    lines.append(f"  uncertainty: {fit.uncertainty} ({meaning.get(fit.uncertainty, '')})")
+    for kind, scatter in fit.residuals.items():
+        unit = f" {scatter.unit}" if scatter.unit else ""
+        lines.append(f"  residual {kind}: {scatter.rms:.4g}{unit} rms over {scatter.count}")
+    if fit.condition is not None:
+        lines.append(f"  condition {fit.condition:.3g}, {fit.iterations} iterations")
+    return lines
+
+
+def _strongest(cal: Calibration) -> list[str]:
+    if not cal.fit.influence:
+        return []
+    top = max(cal.fit.influence, key=lambda i: i.shift if i.shift is not None else math.inf)
+    if top.shift is None:
+        return [f"  without segment {top.segment!r} the parameters would not be determined"]
+    return [f"  most influence: segment {top.segment!r} moves {top.parameter} by {top.shift:.2g} standard uncertainties"]
+
+
+def _budget_lines(cal: Calibration) -> list[str]:
+    if not cal.budget:
+        return []
+    lines = ["", "  uncertainty budget (standard uncertainties)"]
+    for line in cal.budget:
+        parts = []
+        for p, s in zip(cal.parameters, line.standard_uncertainty, strict=True):
+            if s > 0:
+                _, sigma, unit = printed(0.0, s, p.unit)
+                parts.append(f"{p.name} {sigma} {unit}")
+        lines.append(f"    {line.source}: " + (", ".join(parts) if parts else "none"))
+    return lines
+
+
+def _remark_lines(cal: Calibration) -> list[str]:
+    return ["", *(f"  note: {r}" for r in cal.remarks)] if cal.remarks else []
+
+
+def covariance_rows(matrix: Array) -> tuple[tuple[float, ...], ...]:
+    """Symmetric matrix as nested tuples for the record."""
+    return tuple(tuple(float(v) for v in row) for row in (matrix + matrix.T) / 2)
+
+
+def named(names: Sequence[str], given: Sequence[str], values: Array, covariance: Array) -> tuple[Value, ...]:
+    """Records of parameters from parallel arrays (names, units, values (k,), covariance (k, k))."""
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return tuple(
+        Value(name=n, value=float(v), unit=u, standard_uncertainty=float(s))
+        for n, u, v, s in zip(names, given, values, sigma, strict=True)
+    )

@@ -1,0 +1,139 @@
+"""Apply a calibration to a recording: readings in, inputs out, of any size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .calibration import Calibration
+from .errors import DataError, InputError
+from .files import write_atomically
+from .recording import SENSORS, Batch, Recording
+from .sensors import Correction, correction, invert
+
+_UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
+_RIG_UNITS = {"temperature": "K"}
+
+
+def corrections(calibration: Calibration, recording: Recording) -> dict[str, Correction]:
+    """The models of a calibration that apply to a recording's sensors.
+
+    Raises
+    ------
+    InputError
+        When the calibration is for raw counts and the recording is not, or the reverse.
+    DataError
+        When the calibration has no model of any sensor in the recording.
+    """
+    out = {}
+    for sensor in SENSORS:
+        model = correction(calibration.values(), sensor)
+        if model is None or sensor not in recording.has:
+            continue
+        if model.counts != (sensor in recording.counts):
+            here, there = ("raw counts", "SI units") if model.counts else ("SI units", "raw counts")
+            raise InputError(
+                f"the calibration of the {sensor} triad is for readings in {here}, but {recording.name} gives {there}: open it "
+                "with the same header units and --scale as for the calibration"
+            )
+        out[sensor] = model
+    if not out:
+        raise DataError(f"the calibration says nothing about the sensors in {recording.name} ({', '.join(recording.has)})")
+    return out
+
+
+def compensate(batch: Batch, models: dict[str, Correction]) -> dict[str, np.ndarray]:
+    """Inputs of each calibrated sensor, shape (n, 3), m/s^2 and rad/s.
+
+    Raises
+    ------
+    DataError
+        When g-sensitive gyros come without accelerometers, or a reading has no input that explains it.
+    """
+    out: dict[str, np.ndarray] = {}
+    if "accel" in models and batch.accel is not None:
+        out["accel"] = invert(models["accel"], batch.accel)
+    if "gyro" in models and batch.gyro is not None:
+        out["gyro"] = invert(models["gyro"], batch.gyro, out.get("accel"))
+    return out
+
+
+def stream(calibration: Calibration, recording: Recording) -> Iterator[tuple[Batch, dict[str, np.ndarray]]]:
+    """Compensated samples piece by piece, with the batch that each came from."""
+    models = corrections(calibration, recording)
+    for batch in recording.batches(with_other=True):
+        yield batch, compensate(batch, models)
+
+
+def apply(calibration: Calibration, recording: Recording, out: str | Path) -> int:
+    """Apply a calibration to a recording and write the compensated samples.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    recording : Recording
+    out : path
+        ``.parquet`` or ``.csv``. Written whole or not at all; sensors without a calibration and all other columns are kept.
+
+    Returns
+    -------
+    int
+        Number of samples.
+
+    Raises
+    ------
+    InputError
+        When the file's ending is unknown, or `out` is the recording itself.
+    """
+    out = Path(out)
+    if out.suffix not in (".parquet", ".csv"):
+        raise InputError(f"{out}: write to a .parquet or .csv file")
+    if recording.path is not None and out.exists() and out.samefile(recording.path):
+        raise InputError(f"{out}: is the recording itself; input is never modified")
+    rows = 0
+    with write_atomically(out) as temporary:
+        writer: Any = None
+        try:
+            for batch, values in stream(calibration, recording):
+                table = _table(batch, values, recording)
+                if writer is None:
+                    writer = _writer(temporary, table.schema)
+                writer.write_batch(table)
+                rows += batch.time.size
+        finally:
+            if writer is not None:
+                writer.close()
+        if rows == 0:
+            raise DataError(f"{recording.name}: no samples to compensate")
+    return rows
+
+
+def _writer(path: Path, schema: Any) -> Any:
+    if path.suffix == ".csv":
+        from pyarrow import csv
+
+        return csv.CSVWriter(path, schema)
+    from pyarrow import parquet
+
+    return parquet.ParquetWriter(path, schema)
+
+
+def _table(batch: Batch, values: dict[str, np.ndarray], recording: Recording) -> Any:
+    import pyarrow as pa
+
+    columns: dict[str, Any] = {"time [s]": batch.time}
+    for sensor, axes in SENSORS.items():
+        samples = values.get(sensor, getattr(batch, sensor))
+        if samples is None:
+            continue
+        raw = sensor not in values and sensor in recording.counts
+        for i, axis in enumerate(axes):
+            columns[f"{axis} [{'count' if raw else _UNITS[sensor]}]"] = np.ascontiguousarray(samples[:, i])
+    for name, column in batch.rig.items():
+        columns[f"{name} [{_RIG_UNITS.get(name, 'rad')}]"] = column
+    if batch.other is not None:
+        columns.update({n: batch.other.column(i) for i, n in enumerate(batch.other.schema.names)})
+    return pa.RecordBatch.from_pydict(columns)

@@ -1,0 +1,61 @@
+"""WGS-84: normal gravity and Earth rate at a site."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .frames import Array
+
+EARTH_RATE = 7.292115e-5
+"""rad/s, WGS-84 (NIMA TR8350.2, table 3.1)."""
+STANDARD_GRAVITY = 9.80665
+"""m/s^2, the unit g (CGPM 1901)."""
+
+# NIMA TR8350.2, tables 3.1 to 3.4
+_SEMI_MAJOR = 6378137.0
+_FLATTENING = 1.0 / 298.257223563
+_GRAVITY_EQUATOR = 9.7803253359
+_SOMIGLIANA_K = 0.00193185265241
+_ECCENTRICITY2 = _FLATTENING * (2.0 - _FLATTENING)
+_CENTRIFUGAL_M = 0.00344978650684
+
+
+def normal_gravity(latitude: float, height: float = 0.0) -> float:
+    """Normal gravity of the WGS-84 ellipsoid.
+
+    Parameters
+    ----------
+    latitude : float, rad
+        Geodetic latitude.
+    height : float, m
+        Height above the ellipsoid.
+
+    Returns
+    -------
+    float, m/s^2
+
+    Notes
+    -----
+    Somigliana's closed formula, then the second-order height term (NIMA TR8350.2, equations 4-1 and 4-3). The real
+    gravity of a site differs by some 30 mGal (3e-5 of g, one sigma): give the measured value where you have it.
+    """
+    s2 = np.sin(latitude) ** 2
+    surface = _GRAVITY_EQUATOR * (1.0 + _SOMIGLIANA_K * s2) / np.sqrt(1.0 - _ECCENTRICITY2 * s2)
+    ratio = height / _SEMI_MAJOR
+    first = 2.0 * (1.0 + _FLATTENING + _CENTRIFUGAL_M - 2.0 * _FLATTENING * s2) * ratio
+    return float(surface * (1.0 - first + 3.0 * ratio**2))
+
+
+def earth_rate_enu(latitude: float, rate: float = EARTH_RATE) -> Array:
+    """Earth rate in east, north, up.
+
+    Parameters
+    ----------
+    latitude : float, rad
+    rate : float, rad/s
+
+    Returns
+    -------
+    ndarray, shape (3,), rad/s
+    """
+    return np.array([0.0, rate * np.cos(latitude), rate * np.sin(latitude)])

@@ -1,0 +1,48 @@
+"""Apache Parquet, streamed by row group pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from .table import Table
+
+_ROWS = 1 << 17  # rows decoded at a time
+
+
+def open_table(path: Path) -> Table:
+    """Open a Parquet file.
+
+    Raises
+    ------
+    InputError
+        When the file is damaged, or (while reading) a column asked for is not numeric.
+    """
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        with parquet.ParquetFile(path) as stream:
+            raw = tuple(stream.schema_arrow.names)
+    except (pa.ArrowException, OSError) as cause:
+        raise InputError(f"{path}: damaged Parquet file: {cause}") from cause
+    names = {name.strip(): name for name in raw}
+
+    def read(numeric: Sequence[str], other: Sequence[str]) -> Iterator[Any]:
+        target = None
+        wanted = [*numeric, *other]
+        try:
+            with parquet.ParquetFile(path) as stream:
+                for batch in stream.iter_batches(batch_size=_ROWS, columns=[names[c] for c in wanted]):
+                    columns = [batch.column(names[c]) for c in wanted]
+                    for i in range(len(numeric)):
+                        target = wanted[i]
+                        columns[i] = columns[i].cast(pa.float64())
+                    yield pa.RecordBatch.from_arrays(columns, names=wanted)
+        except (pa.ArrowException, OSError) as cause:
+            place = f" in column {target!r}" if target else ""
+            raise InputError(f"{path}: cannot read the numbers{place}: {cause}") from cause
+
+    return Table(path, tuple(names), read)

@@ -1,0 +1,1 @@
+"""Numba loops and nothing else: arrays in, arrays out. Compiled on first use and cached on disk."""

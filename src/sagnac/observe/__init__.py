@@ -1,0 +1,1 @@
+"""Samples to few numbers with covariance: means of segments, static intervals."""

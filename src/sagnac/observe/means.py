@@ -1,0 +1,321 @@
+"""Mean readings of segments in one streaming pass, with the noise of each mean and a look at every sample.
+
+The noise of a mean is judged from the means of sixteen blocks of its segment, not from neighbouring samples: quantisation
+carried over from sample to sample, which makes neighbours disagree without moving the mean, then hardly counts as noise,
+and slow disturbances do. What is no noise is taken out first: a drift, and in a turning segment the Earth rate and the
+tilt, which come round once a turn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import DataError
+from ..frames import Array
+from ..plan import Plan, Segment
+from ..recording import GAP, SENSORS, Batch, Recording, sample_interval
+
+_BLOCKS = 16
+_STUCK = 10  # equal samples that no noisy axis shows by chance
+_FROZEN_SHARE = 0.2
+_RESOLVED = 1.5  # noise in steps of the converter from which a run of equal samples is suspicious
+
+
+@dataclass(frozen=True)
+class SegmentMeans:
+    """What the recording says about each segment, n segments.
+
+    Attributes
+    ----------
+    segments : tuple of Segment
+    mid_time, interval, duration : ndarray, shape (n,), s
+        Mean time of the samples, sample interval, and time that the samples stand for.
+    count : ndarray of int, shape (n,)
+    mean : dict of str to ndarray, shape (n, 3)
+        Of ``accel`` and ``gyro``, m/s^2 and rad/s or counts.
+    density : dict of str to ndarray, shape (3,)
+        Noise of each axis found in the blocks, per sqrt(Hz); NaN where there are too few samples.
+    noise_degrees_of_freedom : float
+        How well `density` is known.
+    pulse : dict of str to ndarray, shape (3,)
+        What one pulse is worth (rad, m/s) on sensors that count pulses.
+    counts : frozenset of str
+        Sensors read as raw counts.
+    remarks : tuple of str
+        Gaps and other findings.
+    span : tuple of float, s
+        First and last sample time of the recording.
+    """
+
+    segments: tuple[Segment, ...]
+    mid_time: Array
+    interval: Array
+    duration: Array
+    count: Array
+    mean: dict[str, Array]
+    density: dict[str, Array]
+    noise_degrees_of_freedom: float
+    pulse: dict[str, Array] = field(default_factory=dict)
+    counts: frozenset[str] = frozenset()
+    remarks: tuple[str, ...] = ()
+    span: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Segment names."""
+        return tuple(s.name for s in self.segments)
+
+    def variance(self, sensor: str, density: Array) -> Array:
+        """Variance of the means of a sensor, shape (n, 3): white noise and one pulse lost or won at each end.
+
+        Parameters
+        ----------
+        sensor : str
+        density : ndarray, shape (3,)
+            Noise per sqrt(Hz).
+        """
+        time = self.duration[:, None]
+        return density**2 / time + _pulse_variance(self.pulse.get(sensor, np.zeros(3))) / time**2
+
+
+def _pulse_variance(pulse: Array) -> Array:
+    """Variance of a sum of pulses: uniform residues at both ends."""
+    return np.asarray(pulse**2 / 6.0)
+
+
+@dataclass
+class _Sums:
+    """Running sums of one segment over the axes of all sensors."""
+
+    segment: Segment
+    axes: int
+    count: int = 0
+    time_sum: float = 0.0
+    first: float = np.nan
+    last: float = np.nan
+    lost: float = 0.0
+    steps: int = 0
+    reference: Array = field(default_factory=lambda: np.zeros(0))
+    previous: Array = field(default_factory=lambda: np.zeros(0))
+    block_sum: Array = field(default_factory=lambda: np.zeros(0))
+    block_count: Array = field(default_factory=lambda: np.zeros(_BLOCKS))
+    squared_steps: Array = field(default_factory=lambda: np.zeros(0))
+    low: Array = field(default_factory=lambda: np.zeros(0))
+    high: Array = field(default_factory=lambda: np.zeros(0))
+    at_low: Array = field(default_factory=lambda: np.zeros(0))
+    at_high: Array = field(default_factory=lambda: np.zeros(0))
+    finest: Array = field(default_factory=lambda: np.zeros(0))
+
+    def add(self, time: Array, values: Array, interval: float) -> None:
+        if self.count == 0:
+            self.reference, self.previous = values[0].copy(), values[0].copy()
+            self.block_sum = np.zeros((_BLOCKS, self.axes))
+            self.squared_steps = np.zeros(self.axes)
+            self.low, self.high = np.full(self.axes, np.inf), np.full(self.axes, -np.inf)
+            self.at_low, self.at_high = np.zeros(self.axes), np.zeros(self.axes)
+            self.finest = np.full(self.axes, np.inf)
+            self.first = self.last = float(time[0])
+        gaps = np.diff(time, prepend=self.last)
+        self.lost += float(gaps[gaps > GAP * interval].sum())
+        span = self.segment.stop - self.segment.start
+        block = np.clip(((time - self.segment.start) / span * _BLOCKS).astype(int), 0, _BLOCKS - 1)
+        edges = np.searchsorted(block, np.arange(_BLOCKS))
+        present = np.flatnonzero(np.diff(edges, append=time.size) > 0)
+        self.block_sum[present] += np.add.reduceat(values - self.reference, edges[present], axis=0)
+        self.block_count += np.diff(edges, append=time.size)
+        self._extremes(values)
+        steps = np.abs(np.diff(values, axis=0, prepend=self.previous[None]))
+        self.squared_steps += (steps**2).sum(axis=0)
+        self.finest = np.minimum(self.finest, np.where(steps > 0, steps, np.inf).min(axis=0))
+        self.count += time.size
+        self.time_sum += float((time - self.segment.start).sum())
+        self.last, self.previous = float(time[-1]), values[-1].copy()
+
+    def _extremes(self, values: Array) -> None:
+        for bound, at, value in (
+            ("low", "at_low", values.min(axis=0)),
+            ("high", "at_high", values.max(axis=0)),
+        ):
+            old = getattr(self, bound)
+            new = np.minimum(old, value) if bound == "low" else np.maximum(old, value)
+            here = (values == new).sum(axis=0)
+            setattr(self, at, np.where(new == old, getattr(self, at) + here, here))
+            setattr(self, bound, new)
+
+    @property
+    def mean(self) -> Array:
+        return np.asarray(self.reference + self.block_sum.sum(axis=0) / self.count)
+
+    def block_density(self, interval: float) -> tuple[Array, int]:
+        """Noise density squared from full blocks, and the degrees of freedom it rests on."""
+        usual = self.count / _BLOCKS
+        full = np.flatnonzero(self.block_count >= max(0.8 * usual, 1.0))
+        columns = 4 if self.segment.outer_rate else 2
+        dof = full.size - columns
+        if self.count < _BLOCKS or dof < 2:
+            return np.zeros(self.axes), 0
+        means = self.block_sum[full] / self.block_count[full][:, None]
+        phase = (full + 0.5) / _BLOCKS
+        turn = self.segment.outer_rate * (self.segment.stop - self.segment.start) * phase
+        design = np.column_stack([np.ones(full.size), phase - 0.5, np.cos(turn), np.sin(turn)])[:, :columns]
+        residual = means - design @ np.linalg.lstsq(design, means, rcond=None)[0]
+        return (residual**2).sum(axis=0) / dof * usual * interval, dof
+
+
+def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
+    """Means of every segment of a plan.
+
+    Parameters
+    ----------
+    recording : Recording
+    plan : Plan
+
+    Returns
+    -------
+    SegmentMeans
+
+    Raises
+    ------
+    DataError
+        When a segment lies outside the data or holds no sample, or an axis is saturated.
+    InputError
+        When a sample cannot be read (see :meth:`Recording.batches`).
+    """
+    if not plan.segment:
+        raise DataError("the plan has no [[segment]]; this method needs to know which samples belong to which position")
+    sensors = [s for s in SENSORS if s in recording.has]
+    sums = [_Sums(s, 3 * len(sensors)) for s in plan.segment]
+    interval, first, last, gaps = np.nan, np.nan, np.nan, []
+    for batch in recording.batches():
+        if np.isnan(interval) and batch.time.size > 1:
+            interval = sample_interval(batch.time)
+        first = batch.time[0] if np.isnan(first) else first
+        gaps += _gaps(batch, last, interval)
+        last = float(batch.time[-1])
+        values = np.hstack([v for v in (batch.accel, batch.gyro) if v is not None])
+        # pulses were counted over the interval before their time stamp
+        time = batch.time - interval / 2 if recording.increments else batch.time
+        for part in sums:
+            i, j = np.searchsorted(time, [part.segment.start, part.segment.stop])
+            if j > i:
+                part.add(time[i:j], values[i:j], interval if np.isfinite(interval) else np.inf)
+    _refuse_outside(recording.name, sums, float(first), last, interval)
+    _refuse_saturated(recording.name, sums, sensors)
+    return _gather(recording, sums, sensors, interval, gaps, (float(first), last))
+
+
+def _gaps(batch: Batch, last: float, interval: float) -> list[tuple[float, float]]:
+    steps = np.diff(batch.time, prepend=last if np.isfinite(last) else batch.time[0])
+    where = np.flatnonzero(steps > GAP * interval)
+    return [(float(batch.time[i] - steps[i]), float(steps[i])) for i in where]
+
+
+def _refuse_outside(name: str, sums: list[_Sums], first: float, last: float, interval: float) -> None:
+    slack = GAP * interval if np.isfinite(interval) else 0.0
+    if np.isnan(first):
+        raise DataError(f"{name}: the recording holds no samples")
+    for part in sums:
+        s = part.segment
+        if part.count == 0 or s.start < first - slack or s.stop > last + slack:
+            raise DataError(
+                f"segment {s.name!r} ({s.start:g} s to {s.stop:g} s) lies outside the data of {name} "
+                f"({first:g} s to {last:g} s, {part.count} samples in the segment): check the plan's times"
+            )
+
+
+def _refuse_saturated(name: str, sums: list[_Sums], sensors: list[str]) -> None:
+    """An axis that stays on one extreme value while it is noisy elsewhere is saturated or stuck."""
+    axes = [a for s in sensors for a in SENSORS[s]]
+    noise = np.array([np.sqrt(0.5 * p.squared_steps / max(p.count - 1, 1)) for p in sums])
+    finest = np.min([p.finest for p in sums], axis=0)
+    low, high = np.min([p.low for p in sums], axis=0), np.max([p.high for p in sums], axis=0)
+    for k, axis in enumerate(axes):
+        usual = float(np.median(noise[:, k]))
+        if not usual > _RESOLVED * finest[k]:
+            continue
+        for part in sums:
+            for side, value, held in (("top", high[k], part.at_high[k]), ("bottom", low[k], part.at_low[k])):
+                extreme = (part.high if side == "top" else part.low)[k] == value
+                if extreme and held >= max(_STUCK, _FROZEN_SHARE * part.count):
+                    raise DataError(
+                        f"{name}: {axis} is saturated in segment {part.segment.name!r}: {int(held)} of {part.count} "
+                        f"samples stand exactly at the {side} of its range ({value:g}). Leave the segment out or "
+                        "choose a wider range"
+                    )
+            if part.count >= _STUCK and part.low[k] == part.high[k]:
+                raise DataError(
+                    f"{name}: {axis} is stuck at {part.low[k]:g} through segment {part.segment.name!r}: "
+                    "the axis or its channel stopped"
+                )
+
+
+def _gather(
+    recording: Recording,
+    sums: list[_Sums],
+    sensors: list[str],
+    interval: float,
+    gaps: list[tuple[float, float]],
+    span: tuple[float, float],
+) -> SegmentMeans:
+    count = np.array([p.count for p in sums])
+    steps = np.array(
+        [(p.last - p.first - p.lost) / max(p.count - 1, 1) if p.count > 1 else np.nan for p in sums], dtype=float
+    )
+    single = count == 1
+    steps[single] = [p.segment.stop - p.segment.start for p in sums if p.count == 1]
+    worth = np.zeros(3 * len(sensors))
+    for i, s in enumerate(sensors):
+        if s in recording.increments:
+            worth[3 * i : 3 * i + 3] = np.min([p.finest for p in sums], axis=0)[3 * i : 3 * i + 3] * interval
+    worth[~np.isfinite(worth)] = 0.0
+    squared, weight = np.zeros(3 * len(sensors)), 0
+    found = []
+    for p, dt in zip(sums, steps, strict=True):
+        density2, n = p.block_density(dt)
+        # what the pulses lost or won at the ends of the blocks add is no noise of the sensor
+        own = np.maximum(density2 - _pulse_variance(worth) / max(p.count * dt / _BLOCKS, 1e-300), 0.1 * density2)
+        found.append((p, own, n))
+        squared, weight = squared + n * own, weight + n
+    density = np.sqrt(squared / weight) if weight else np.full(3 * len(sensors), np.nan)
+    means = np.array([p.mean for p in sums])
+    return SegmentMeans(
+        segments=tuple(p.segment for p in sums),
+        mid_time=np.array([p.segment.start + p.time_sum / p.count for p in sums]),
+        interval=steps,
+        duration=count * steps,
+        count=count,
+        mean={s: means[:, 3 * i : 3 * i + 3] for i, s in enumerate(sensors)},
+        density={s: density[3 * i : 3 * i + 3] for i, s in enumerate(sensors)},
+        noise_degrees_of_freedom=float(weight),
+        pulse={s: worth[3 * i : 3 * i + 3] for i, s in enumerate(sensors) if s in recording.increments},
+        counts=recording.counts,
+        remarks=(*_gap_remarks(gaps, sums), *_restless(found, sensors, worth)),
+        span=span,
+    )
+
+
+def _gap_remarks(gaps: list[tuple[float, float]], sums: list[_Sums]) -> list[str]:
+    inside = [
+        (p.segment.name, t, g) for t, g in gaps for p in sums if p.segment.start <= t and t + g <= p.segment.stop
+    ]
+    return [f"gap of {g:.3g} s at {t:.6g} s in segment {name!r}: excluded" for name, t, g in inside[:20]]
+
+
+def _restless(found: list[tuple[_Sums, Array, int]], sensors: list[str], worth: Array) -> list[str]:
+    """Segments whose own noise is far above that of the others (knocked, or not yet settled)."""
+    usable = [(p, d) for p, d, n in found if n]
+    if len(usable) < 4:  # noqa: PLR2004 - nothing to compare with
+        return []
+    axes = [a for s in sensors for a in SENSORS[s]]
+    usual = np.median([d for _, d in usable], axis=0)
+    out = []
+    for part, density2 in usable:
+        block = (part.segment.stop - part.segment.start) / _BLOCKS
+        loud = np.flatnonzero(density2 > 6.0 * (usual + _pulse_variance(worth) / block))
+        if loud.size and usual[loud[0]] > 0:
+            k = int(loud[np.argmax(density2[loud] / usual[loud])])
+            times = np.sqrt(density2[k] / usual[k])
+            out.append(f"segment {part.segment.name!r} is restless: {axes[k]} has {times:.1f} times its usual noise")
+    return out

@@ -1,0 +1,312 @@
+"""What was done with the unit: site, unit, rig and segments, read from TOML.
+
+Every quantity in the file is a text with its unit; in memory, and in Python calls, everything is SI. Writing a plan and reading it back
+gives an equal plan.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
+
+from . import earth, units
+from .errors import InputError
+from .files import write_atomically
+
+# SI unit -> unit that a person would write
+_WRITTEN = {
+    "angle": ("deg", math.pi / 180),
+    "angular rate": ("deg/s", math.pi / 180),
+}
+
+
+def _reader(kind: str) -> Callable[[Any, ValidationInfo], float]:
+    def read(value: Any, info: ValidationInfo) -> float:
+        if isinstance(value, str):
+            try:
+                return units.parse(value, kind, "this key")
+            except InputError as cause:
+                raise ValueError(str(cause)) from cause
+        from_file = bool(info.context and info.context.get("file"))
+        if isinstance(value, int | float) and not isinstance(value, bool) and (kind == "ratio" or not from_file):
+            return float(value)  # in Python, SI
+        raise ValueError(f"write it as a text with its unit, for example {units.KINDS[kind][1]!r}; got {value!r}")
+
+    return read
+
+
+Angle = Annotated[float, BeforeValidator(_reader("angle")), Field(json_schema_extra={"kind": "angle"})]
+Rate = Annotated[float, BeforeValidator(_reader("angular rate")), Field(json_schema_extra={"kind": "angular rate"})]
+Time = Annotated[float, BeforeValidator(_reader("time")), Field(json_schema_extra={"kind": "time"})]
+Length = Annotated[float, BeforeValidator(_reader("length")), Field(json_schema_extra={"kind": "length"})]
+Acceleration = Annotated[
+    float, BeforeValidator(_reader("acceleration")), Field(json_schema_extra={"kind": "acceleration"})
+]
+Ratio = Annotated[float, BeforeValidator(_reader("ratio")), Field(json_schema_extra={"kind": "ratio"})]
+AccelDensity = Annotated[
+    float,
+    BeforeValidator(_reader("accelerometer noise density")),
+    Field(json_schema_extra={"kind": "accelerometer noise density"}),
+]
+GyroDensity = Annotated[
+    float,
+    BeforeValidator(_reader("gyro noise density")),
+    Field(json_schema_extra={"kind": "gyro noise density"}),
+]
+Quadratic = Annotated[
+    float,
+    BeforeValidator(_reader("quadratic coefficient")),
+    Field(json_schema_extra={"kind": "quadratic coefficient"}),
+]
+GSquared = Annotated[
+    float, BeforeValidator(_reader("g-squared sensitivity")), Field(json_schema_extra={"kind": "g-squared sensitivity"})
+]
+Triple = tuple[Quadratic, Quadratic, Quadratic]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Noise(_Record):
+    """White noise of the sensors: density per sqrt(Hz), so that a mean over T seconds has density^2 / T."""
+
+    accel: AccelDensity | None = None
+    gyro: GyroDensity | None = None
+
+
+class Limits(_Record):
+    """Bounds (one sigma) of what a method cannot see; they go into its uncertainty budget."""
+
+    accel_k2: Quadratic | None = None
+    gyro_g_squared: GSquared | None = None
+    accel_drift: Acceleration | None = None
+    """Change of an accelerometer bias over the whole test."""
+    gyro_drift: Rate | None = None
+
+
+class Unit(_Record):
+    """The unit under test."""
+
+    model: str = ""
+    serial: str = ""
+    noise: Noise = Noise()
+    scale: dict[str, str] = {}
+    """Nominal scale factors of pulse or count columns: ``{ gyro = "1.1866 pulse/arcsec" }``, or one per axis."""
+    accel_k2: Triple | None = None
+    """Known quadratic coefficients of the accelerometers x, y, z."""
+    limits: Limits = Limits()
+
+
+class Rig(_Record):
+    """The rig and how far its settings can be trusted (one sigma)."""
+
+    kind: Literal["turntable"] = "turntable"
+    angle_uncertainty: Angle = 0.0
+    axis_uncertainty: Angle = 0.0
+    rate_uncertainty: Ratio = 0.0
+    """Relative error of the rate, common to all segments."""
+
+
+class Segment(_Record):
+    """One position or rate; angles are those at `start`."""
+
+    name: str
+    start: Time
+    stop: Time
+    outer: Angle | None = None
+    middle: Angle | None = None
+    inner: Angle | None = None
+    outer_rate: Rate = 0.0
+    x_azimuth: Angle | None = None
+    y_azimuth: Angle | None = None
+    z: Literal["up", "down"] | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.stop > self.start:
+            raise ValueError(f"segment {self.name!r} stops at {self.stop:g} s, not after its start {self.start:g} s")
+        return self
+
+    @property
+    def angles(self) -> tuple[float, float, float] | None:
+        """Outer, middle and inner angle in rad, or None when one is missing."""
+        if self.outer is None or self.middle is None or self.inner is None:
+            return None
+        return self.outer, self.middle, self.inner
+
+
+class Plan(_Record):
+    """Site, unit, rig and segments. See :func:`load`."""
+
+    latitude: Angle | None = None
+    height: Length = 0.0
+    gravity: Acceleration | None = None
+    gravity_uncertainty: Acceleration = 0.0
+    earth_rate: Rate = earth.EARTH_RATE
+    unit: Unit = Unit()
+    rig: Rig = Rig()
+    segment: tuple[Segment, ...] = ()
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        names = [s.name for s in self.segment]
+        twice = sorted({n for n in names if names.count(n) > 1})
+        if twice:
+            raise ValueError(f"segment names must differ; used more than once: {', '.join(twice)}")
+        in_time = sorted(self.segment, key=lambda s: s.start)
+        for first, second in pairwise(in_time):
+            if second.start < first.stop - 1e-9:
+                raise ValueError(f"segments {first.name!r} and {second.name!r} overlap in time")
+        if self.latitude is not None and abs(self.latitude) > math.pi / 2:
+            raise ValueError(f"latitude {math.degrees(self.latitude):g} deg is beyond a pole")
+        if self.gravity is not None and not 9.7 < self.gravity < 9.9:
+            raise ValueError(f"gravity {self.gravity:g} m/s^2 is not found on Earth (9.76 to 9.84); check its unit")
+        return self
+
+    @property
+    def site_gravity(self) -> float:
+        """Measured gravity, else normal gravity of the site.
+
+        Raises
+        ------
+        InputError
+            When neither gravity nor latitude is given.
+        """
+        if self.gravity is not None:
+            return self.gravity
+        if self.latitude is None:
+            raise InputError("the plan gives neither gravity nor latitude: one of them sets the accelerometers' scale")
+        return earth.normal_gravity(self.latitude, self.height)
+
+    def need_latitude(self, why: str) -> float:
+        """Latitude in rad, or an :class:`InputError` that says what needs it."""
+        if self.latitude is None:
+            raise InputError(f"the plan gives no latitude, and {why} needs it")
+        return self.latitude
+
+    def to_toml(self) -> str:
+        """The plan as TOML text; reading it back gives an equal plan."""
+        import tomlkit
+
+        return tomlkit.dumps(_plain(self))
+
+    def save(self, path: str | Path) -> None:
+        """Write the plan, whole or not at all."""
+        with write_atomically(path) as temporary:
+            temporary.write_text(self.to_toml(), encoding="utf-8")
+
+
+def load(path: str | Path) -> Plan:
+    """Read a plan.
+
+    Parameters
+    ----------
+    path : path of a TOML file
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    InputError
+        With the key at fault and what to write instead.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        table = tomllib.loads(_one_key_a_line(text))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as cause:
+        raise InputError(f"{path}: cannot read the plan: {cause}") from cause
+    return from_table(table, str(path))
+
+
+def from_table(table: dict[str, Any], source: str = "plan") -> Plan:
+    """A plan from the table that a TOML file holds, see :func:`load`."""
+    try:
+        return Plan.model_validate(table, context={"file": True})
+    except ValidationError as cause:
+        problems = [f"{_where(e['loc'], table)}: {_what(e)}" for e in cause.errors()]
+        raise InputError(f"{source}: " + "; ".join(problems)) from cause
+
+
+def _one_key_a_line(text: str) -> str:
+    """TOML with semicolons between keys turned into lines (TOML itself has no such separator; people write it)."""
+    out = []
+    for line in text.splitlines():
+        quote, cut = "", []
+        for i, char in enumerate(line):
+            if quote:
+                quote = "" if char == quote and line[i - 1] != "\\" else quote
+            elif char in "\"'":
+                quote = char
+            elif char == "#":
+                break
+            elif char == ";":
+                cut.append(i)
+        for i in reversed(cut):
+            line = line[:i] + "\n" + line[i + 1 :].lstrip()  # noqa: PLW2901 - cut from the right, places stay true
+        out.append(line)
+    return "\n".join(out)
+
+
+def _where(location: tuple[int | str, ...], table: dict[str, Any]) -> str:
+    if len(location) >= 2 and location[0] == "segment" and isinstance(location[1], int):
+        entry = table["segment"][location[1]]
+        name = entry.get("name", f"number {location[1] + 1}") if isinstance(entry, dict) else location[1] + 1
+        return f"segment {name}" + "".join(f", {part}" for part in location[2:])
+    return ".".join(str(part) for part in location) or "the plan"
+
+
+def _what(error: Any) -> str:
+    if error["type"] == "extra_forbidden":
+        return "no such key"
+    if error["type"] == "missing":
+        return "is missing"
+    return str(error["msg"]).removeprefix("Value error, ")
+
+
+def _plain(record: BaseModel) -> dict[str, Any]:
+    """Table of texts with units, defaults left out."""
+    out: dict[str, Any] = {}
+    for name, info in type(record).model_fields.items():
+        value = getattr(record, name)
+        if value == info.default or value is None:
+            continue
+        out[name] = _plain_value(value, _kind(info))
+    return out
+
+
+def _kind(info: Any) -> str | None:
+    for extra in [info.json_schema_extra, *(getattr(m, "json_schema_extra", None) for m in info.metadata)]:
+        if isinstance(extra, dict) and "kind" in extra:
+            return str(extra["kind"])
+    text = repr(info.annotation)
+    return next((kind for kind in units.KINDS if f"{{'kind': '{kind}'}}" in text), None)
+
+
+def _plain_value(value: Any, kind: str | None) -> Any:
+    if isinstance(value, BaseModel):
+        return _plain(value)
+    if isinstance(value, tuple):
+        return [_plain_value(v, kind) for v in value]
+    if isinstance(value, float) and kind is not None:
+        return _text(value, kind)
+    return value
+
+
+def _text(value: float, kind: str) -> str:
+    """The shortest text that reads back as the same number, in degrees where that can be."""
+    if kind in _WRITTEN:
+        unit, size = _WRITTEN[kind]
+        for shown in (round(value / size, 9), value / size):
+            text = f"{shown!r} {unit}"
+            if units.parse(text, kind) == value:
+                return text
+    return f"{value!r} {units.KINDS[kind][0]}".strip()

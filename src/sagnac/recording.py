@@ -1,0 +1,390 @@
+"""One table of samples: which column is what, in which unit, streamed in SI.
+
+A :class:`Recording` is opened, not loaded: :meth:`Recording.batches` reads the file piece by piece, checks every
+sample, and hands out SI (or counts, when no nominal scale is known).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import formats, units
+from .errors import InputError
+from .frames import Array
+
+SENSORS = {
+    "accel": ("accel_x", "accel_y", "accel_z"),
+    "gyro": ("gyro_x", "gyro_y", "gyro_z"),
+}
+_KIND = {
+    "time": "time",
+    "accel": "acceleration",
+    "gyro": "angular rate",
+    "outer": "angle",
+    "middle": "angle",
+    "inner": "angle",
+    "arm": "angle",
+    "encoder": "angle",
+    "temperature": "temperature",
+}
+_NAMES = ("time", *SENSORS["accel"], *SENSORS["gyro"], "outer", "middle", "inner", "arm", "encoder", "temperature")
+_HEADER = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\])?\s*")
+GAP = 1.5
+"""A step of more than this many sample intervals is a gap."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Consecutive samples.
+
+    Attributes
+    ----------
+    row : int
+        Number of the first sample, counted from one.
+    time : ndarray, shape (n,), s
+    accel, gyro : ndarray, shape (n, 3), or None
+        m/s^2 and rad/s, or counts where the recording says so.
+    rig : dict of str to ndarray, shape (n,)
+        ``outer``, ``middle``, ``inner``, ``arm``, ``encoder`` (rad), ``temperature`` (K), as far as recorded.
+    other : object
+        pyarrow record batch of the columns that nothing here reads, for passing on; None when not asked for.
+    """
+
+    row: int
+    time: Array
+    accel: Array | None
+    gyro: Array | None
+    rig: Mapping[str, Array] = field(default_factory=dict)
+    other: Any = None
+
+
+@dataclass(frozen=True)
+class Channel:
+    """How a column becomes SI: value * factor, and per sample interval when it counts increments."""
+
+    column: str
+    factor: float
+    increment: bool = False
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Samples of one unit. Made by :func:`open_recording` or :func:`from_arrays`.
+
+    Attributes
+    ----------
+    name : str
+        File name or a name for messages.
+    path : Path or None
+    counts : frozenset of str
+        Sensors (``accel``, ``gyro``) whose samples stay raw counts.
+    has : frozenset of str
+        Sensors with all three columns.
+    increments : frozenset of str
+        Sensors whose samples are pulses counted over the sample interval (turned into rates, residue carried).
+    other : tuple of str
+        Header texts of the columns that nothing here reads.
+    """
+
+    name: str
+    path: Path | None
+    counts: frozenset[str]
+    has: frozenset[str]
+    increments: frozenset[str]
+    other: tuple[str, ...]
+    _stream: Callable[[bool], Iterator[Batch]] = field(repr=False)
+
+    def batches(self, *, with_other: bool = False) -> Iterator[Batch]:
+        """Samples piece by piece, each checked.
+
+        Raises
+        ------
+        InputError
+            With file, row and reason: time that does not increase, a sample that is not finite, a field that is no
+            number.
+        """
+        last = -math.inf
+        for batch in self._stream(with_other):
+            if batch.time.size:
+                _check(self.name, batch, last)
+                last = float(batch.time[-1])
+                yield batch
+
+    def read(self) -> Batch:
+        """All samples at once."""
+        parts = list(self.batches())
+        if not parts:
+            raise InputError(f"{self.name}: no samples")
+        if len(parts) == 1:
+            return parts[0]
+
+        def joined(pick: Callable[[Batch], Array | None]) -> Array | None:
+            pieces = [p for p in map(pick, parts) if p is not None]
+            return np.concatenate(pieces) if pieces else None
+
+        time = joined(lambda b: b.time)
+        assert time is not None  # noqa: S101 - for the type checker: every batch has time
+        rig = {k: np.concatenate([p.rig[k] for p in parts]) for k in parts[0].rig}
+        return Batch(1, time, joined(lambda b: b.accel), joined(lambda b: b.gyro), rig)
+
+    def need(self, sensor: str) -> None:
+        """Refuse, with what is missing, when the three columns of a sensor are not there."""
+        if sensor not in self.has:
+            columns = ", ".join(SENSORS[sensor])
+            raise InputError(f"{self.name}: this method needs the columns {columns}; rename others with --map")
+
+
+def from_arrays(
+    time: ArrayLike,
+    accel: ArrayLike | None = None,
+    gyro: ArrayLike | None = None,
+    *,
+    counts: tuple[str, ...] = (),
+    name: str = "recording",
+    rig: Mapping[str, ArrayLike] | None = None,
+) -> Recording:
+    """A recording from arrays in memory.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,), s
+    accel, gyro : array_like, shape (n, 3), optional
+        m/s^2 and rad/s, or counts for the sensors named in `counts`.
+    counts : tuple of str
+        ``accel``, ``gyro`` or both, when they are raw counts.
+    name : str
+        Used in messages.
+    rig : mapping of str to array_like, shape (n,), optional
+        Rig columns in SI.
+
+    Raises
+    ------
+    InputError
+        When shapes do not agree.
+    """
+    t = np.ascontiguousarray(time, dtype=float)
+    data: dict[str, Array] = {}
+    for sensor, values in (("accel", accel), ("gyro", gyro)):
+        if values is not None:
+            data[sensor] = np.ascontiguousarray(values, dtype=float)
+            if data[sensor].shape != (t.size, 3):
+                raise InputError(f"{name}: {sensor} has shape {data[sensor].shape}, time has {t.size} samples")
+    columns = {k: np.asarray(v, dtype=float) for k, v in (rig or {}).items()}
+
+    def stream(_: bool) -> Iterator[Batch]:
+        yield Batch(1, t, data.get("accel"), data.get("gyro"), columns)
+
+    return Recording(name, None, frozenset(counts), frozenset(data), frozenset(), (), stream)
+
+
+def open_recording(
+    path: str | Path,
+    *,
+    units_of: Mapping[str, str] | None = None,
+    scale: Mapping[str, str] | None = None,
+    rename: Mapping[str, str] | None = None,
+) -> Recording:
+    """Open a CSV or Parquet recording.
+
+    Parameters
+    ----------
+    path : path
+    units_of : mapping, optional
+        Units for columns whose header gives none: ``{"accel": "g", "gyro_x": "deg/s", "time": "s"}``.
+    scale : mapping, optional
+        Nominal scale factors of count columns: ``{"gyro": "1.1866 pulse/arcsec"}``, or one per axis.
+    rename : mapping, optional
+        Standard name to the file's own: ``{"accel_x": "AX"}``.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        When a column has no unit, an unknown one or one of the wrong kind, when a needed column is missing, or the
+        file cannot be read.
+    """
+    table = formats.open_table(path)
+    path = Path(path)
+    headers = _headers(table.columns, rename or {}, path)
+    channels: dict[str, Channel] = {}
+    counts: set[str] = set()
+    for name, (column, unit_text) in headers.items():
+        channels[name] = _channel(name, column, unit_text, units_of or {}, scale or {}, path, counts)
+    if "time" not in channels:
+        raise InputError(f"{path}: no column 'time [s]'; the columns are: {', '.join(table.columns)}")
+    has = frozenset(s for s, axes in SENSORS.items() if all(a in channels for a in axes))
+    for sensor, axes in SENSORS.items():
+        missing = [a for a in axes if a not in channels]
+        if 0 < len(missing) < len(axes):
+            raise InputError(f"{path}: {sensor} lacks {', '.join(missing)}; rename columns with --map")
+        if len({f"{sensor}" in counts, *(a in counts for a in axes)} - {False}) and not all(a in counts for a in axes):
+            raise InputError(f"{path}: some {sensor} columns are counts and others are not; give --scale for all of them")
+    if not has:
+        raise InputError(f"{path}: no sensor columns (accel_x [g], gyro_x [deg/s], ...); rename others with --map")
+    raw = frozenset(s for s in has if SENSORS[s][0] in counts)
+    summed = frozenset(s for s in has if any(channels[a].increment for a in SENSORS[s]))
+    used = {c.column for c in channels.values()}
+    other = tuple(c for c in table.columns if c not in used)
+
+    def stream(with_other: bool) -> Iterator[Batch]:
+        return _stream(table, channels, other if with_other else ())
+
+    return Recording(str(path), path, raw, has, summed, other, stream)
+
+
+def _headers(columns: tuple[str, ...], rename: Mapping[str, str], path: Path) -> dict[str, tuple[str, str | None]]:
+    """Standard name -> (column, unit text)."""
+    parsed = {}
+    for column in columns:
+        match = _HEADER.fullmatch(column)
+        parsed[column] = (match[1], match[2]) if match else (column, None)
+    out: dict[str, tuple[str, str | None]] = {}
+    for name, own in rename.items():
+        if name not in _NAMES:
+            raise InputError(f"--map {name}={own}: {name!r} is no standard name ({', '.join(_NAMES)})")
+        found = [c for c, (bare, _) in parsed.items() if own in (c, bare)]
+        if not found:
+            raise InputError(f"--map {name}={own}: {path} has no column {own!r}; it has: {', '.join(columns)}")
+        out[name] = (found[0], parsed[found[0]][1])
+    taken = {column for column, _ in out.values()}
+    for column, (bare, unit_text) in parsed.items():
+        if bare in _NAMES and bare not in out and column not in taken:
+            out[bare] = (column, unit_text)
+    return out
+
+
+def _lookup(table: Mapping[str, str], name: str) -> str | None:
+    return table.get(name, table.get(name.split("_", maxsplit=1)[0]))
+
+
+def _channel(
+    name: str,
+    column: str,
+    unit_text: str | None,
+    units_of: Mapping[str, str],
+    scale: Mapping[str, str],
+    path: Path,
+    counts: set[str],
+) -> Channel:
+    group = name.split("_")[0]
+    kind = _KIND[group]
+    unit_text = _lookup(units_of, name) or unit_text
+    example = {"accel": "accel=g", "gyro": "gyro=deg/s"}.get(group, f"{name}={units.KINDS[kind][0]}")
+    if unit_text is None or not unit_text.strip():
+        raise InputError(
+            f"{path}: column {column!r} has no unit. Write it in the header ({name} [{example.split('=')[1]}]) "
+            f"or give it with --units {example}"
+        )
+    what = f"{path}: column {column!r}"
+    if group in SENSORS and units.is_count(unit_text):
+        text = _lookup(scale, name)
+        if text is None:
+            counts.add(name)
+            return Channel(column, 1.0)
+        return Channel(column, *nominal_scale(text, group, what))
+    if kind == "temperature":
+        zero = units.parse(f"0 {unit_text}", kind, what)
+        return Channel(column, units.parse(f"1 {unit_text}", kind, what) - zero, offset=zero)
+    return Channel(column, units.factor(unit_text, kind, what))
+
+
+def nominal_scale(text: str, sensor: str, what: str) -> tuple[float, bool]:
+    """Factor from counts to SI and whether the counts are increments over a sample interval.
+
+    Parameters
+    ----------
+    text : str
+        ``16384 LSB/g`` (the count is the input) or ``1.1866 pulse/arcsec``, ``10800 pulse/g/s`` (the count is the
+        input summed over the sample interval).
+    sensor : str
+        ``accel`` or ``gyro``.
+    what : str
+        For the message.
+    """
+    value = units.quantity(text, f"{what}: scale")
+    rate = {"accel": "m/s^2", "gyro": "rad/s"}[sensor]
+    ureg = units.registry()
+    for unit_text, increment in ((f"count/({rate})", False), (f"count/({rate})/s", True)):
+        if value.is_compatible_with(ureg.Unit(unit_text)) and value.magnitude != 0:
+            return 1.0 / float(value.to(ureg.Unit(unit_text)).magnitude), increment
+    good = {"accel": "16384 LSB/g or 10800 pulse/g/s", "gyro": "131 LSB/(deg/s) or 1.1866 pulse/arcsec"}[sensor]
+    raise InputError(f"{what}: scale {text!r} is no count per input; write for example {good}")
+
+
+def _stream(table: formats.Table, channels: Mapping[str, Channel], other: tuple[str, ...]) -> Iterator[Batch]:
+    row, interval = 1, None
+    columns = list(dict.fromkeys(c.column for c in channels.values()))
+    for piece in table.read(columns, other):
+        size = piece.num_rows
+        values = {c: _floats(piece.column(i)) for i, c in enumerate(columns)}
+        si = {n: values[c.column] * c.factor + c.offset for n, c in channels.items()}
+        if interval is None and size > 1:
+            interval = sample_interval(si["time"])
+        for name, channel in channels.items():
+            if channel.increment:
+                if interval is None:
+                    raise InputError(f"{table.path}: one sample alone cannot say over which time its pulses were counted")
+                si[name] = si[name] / interval
+        sensors = {
+            s: np.column_stack([si[a] for a in axes]) for s, axes in SENSORS.items() if all(a in si for a in axes)
+        }
+        rig = {n: v for n, v in si.items() if n in _NAMES[7:]}
+        rest = piece.select(list(other)) if other else None
+        yield Batch(row, si["time"], sensors.get("accel"), sensors.get("gyro"), rig, rest)
+        row += size
+
+
+def _floats(column: Any) -> Array:
+    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=float)
+
+
+def sample_interval(time: Array) -> float:
+    """Mean sample interval of the stretches without gaps, in s.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,), s, n > 1
+    """
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    whole = steps[(steps > 0) & (steps < GAP * usual)]
+    return float(whole.mean()) if whole.size else usual
+
+
+def _check(name: str, batch: Batch, last: float) -> None:
+    columns: list[tuple[str, NDArray[Any]]] = [("time", batch.time), *batch.rig.items()]
+    for sensor, values in (("accel", batch.accel), ("gyro", batch.gyro)):
+        if values is not None:
+            columns += [(axis, values[:, i]) for i, axis in enumerate(SENSORS[sensor])]
+    for column, values in columns:
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise InputError(
+                f"{name}: row {batch.row + int(bad[0])}: {column} is {_shown(values[bad[0]])} "
+                f"({bad.size} such in this part of the file); remove or mend these samples first"
+            )
+    steps = np.diff(batch.time, prepend=last)
+    wrong = np.flatnonzero(steps <= 0)
+    if wrong.size:
+        i = int(wrong[0])
+        before = batch.time[i - 1] if i else last
+        raise InputError(
+            f"{name}: row {batch.row + i}: time goes from {before:.9g} s to {batch.time[i]:.9g} s; "
+            "it must increase from sample to sample"
+        )
+
+
+def _shown(value: float) -> str:
+    return "missing or not a number" if math.isnan(value) else "infinite"

@@ -1,0 +1,188 @@
+"""A unit on an imperfect table: recordings sample by sample, or the mean of each segment at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..frames import Array
+from ..observe.means import SegmentMeans
+from ..plan import Plan
+from ..recording import SENSORS, nominal_scale
+from ..rigs.turntable import Site, TableErrors, inputs
+from .unit import SimulatedUnit
+
+_ARCSEC = np.pi / 648000
+
+
+@dataclass(frozen=True)
+class SimulatedTable:
+    """The table as it is, which nobody at the rig knows.
+
+    Attributes
+    ----------
+    errors : TableErrors
+    settings : ndarray, shape (segments, 3), rad
+        Error of each setting of outer, middle and inner axis.
+    """
+
+    errors: TableErrors
+    settings: Array
+
+
+def imperfect_table(
+    plan: Plan, rng: np.random.Generator, *, setting: float = np.pi / 10800, axis: float = 5 * _ARCSEC
+) -> SimulatedTable:
+    """A table with errors as in [DONG18]: each setting off by uniform +-`setting`, each axis error +-`axis`.
+
+    Parameters
+    ----------
+    plan : Plan
+    rng : numpy Generator
+    setting, axis : float, rad
+    """
+    signs = rng.choice([-1.0, 1.0], 7) * axis
+    errors = TableErrors(
+        (float(signs[0]), float(signs[1])), (float(signs[2]), float(signs[3])), (float(signs[4]), float(signs[5]), float(signs[6]))
+    )
+    return SimulatedTable(errors, rng.uniform(-setting, setting, (len(plan.segment), 3)))
+
+
+def site_of(plan: Plan) -> Site:
+    """Where the plan's rig stands."""
+    return Site(plan.need_latitude("the Earth rate"), plan.site_gravity, plan.earth_rate)
+
+
+def readings(unit: SimulatedUnit, force: Array, rate: Array) -> dict[str, Array]:
+    """Noise-free readings of the unit for inputs in k, (n, 3) each."""
+    return {
+        "accel": force @ (unit.accel_matrix @ unit.to_b).T + unit.accel_bias,
+        "gyro": rate @ (unit.gyro_matrix @ unit.to_b).T + unit.gyro_bias,
+    }
+
+
+def simulate_readings(unit: SimulatedUnit, plan: Plan, table: SimulatedTable, rng: np.random.Generator) -> SegmentMeans:
+    """One reading a segment, taken at its middle, with the noise of an average over the segment.
+
+    This is the published case: no time series, for campaigns of thousands of runs.
+    """
+    angles = np.array([s.angles for s in plan.segment], dtype=float) + table.settings
+    rates = np.zeros_like(angles)
+    rates[:, 0] = [s.outer_rate for s in plan.segment]
+    hold = np.array([s.stop - s.start for s in plan.segment])
+    angles[:, 0] += rates[:, 0] * hold / 2
+    n = len(hold)
+    clean = readings(unit, *inputs(angles, rates, site_of(plan), table.errors))
+    noise = {"accel": unit.accel_density, "gyro": unit.gyro_density}
+    means = {k: v + noise[k] / np.sqrt(hold)[:, None] * rng.standard_normal((n, 3)) for k, v in clean.items()}
+    unknown = np.full(3, np.nan)
+    return SegmentMeans(
+        segments=plan.segment,
+        mid_time=np.array([(s.start + s.stop) / 2 for s in plan.segment]),
+        interval=hold,
+        duration=hold,
+        count=np.ones(n, dtype=int),
+        mean=means,
+        density={"accel": unknown, "gyro": unknown},
+        noise_degrees_of_freedom=0.0,
+        span=(plan.segment[0].start, plan.segment[-1].stop),
+    )
+
+
+def motion(plan: Plan, table: SimulatedTable, time: Array) -> tuple[Array, Array]:
+    """Table angles and rates at any time: steady in the segments, a smooth move (cubic) between them.
+
+    Parameters
+    ----------
+    plan : Plan
+    table : SimulatedTable
+    time : ndarray, shape (n,), s, increasing
+
+    Returns
+    -------
+    angles, rates : ndarray, shape (n, 3), rad and rad/s
+    """
+    angles, rates = np.zeros((time.size, 3)), np.zeros((time.size, 3))
+    end_time, end_angle, end_rate = 0.0, np.zeros(3), np.zeros(3)
+    for s, error in zip(plan.segment, table.settings, strict=True):
+        begin = np.array(s.angles, dtype=float) + error
+        begin += 2 * np.pi * np.round((end_angle - begin) / (2 * np.pi))  # the near way round
+        rate = np.array([s.outer_rate, 0.0, 0.0])
+        i, j, k = np.searchsorted(time, [end_time, s.start, s.stop])
+        angles[i:j], rates[i:j] = _move(time[i:j], (end_time, end_angle, end_rate), (s.start, begin, rate))
+        angles[j:k] = begin + np.outer(time[j:k] - s.start, rate)
+        rates[j:k] = rate
+        end_time, end_angle, end_rate = s.stop, begin + (s.stop - s.start) * rate, rate
+    last = np.searchsorted(time, end_time)
+    angles[last:], rates[last:] = end_angle, 0.0
+    return angles, rates
+
+
+def _move(time: Array, begin: tuple[float, Array, Array], end: tuple[float, Array, Array]) -> tuple[Array, Array]:
+    """Cubic Hermite from one angle and rate to another."""
+    (t0, a0, r0), (t1, a1, r1) = begin, end
+    if time.size == 0:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    h = t1 - t0
+    u = ((time - t0) / h)[:, None]
+    angle = (1 + 2 * u) * (1 - u) ** 2 * a0 + u * (1 - u) ** 2 * h * r0 + u * u * (3 - 2 * u) * a1 + u * u * (u - 1) * h * r1
+    rate = 6 * u * (u - 1) * (a0 - a1) / h + (1 - u) * (1 - 3 * u) * r0 + u * (3 * u - 2) * r1
+    return angle, rate
+
+
+def simulate_recording(
+    unit: SimulatedUnit, plan: Plan, table: SimulatedTable, rng: np.random.Generator, *, frequency: float = 50.0
+) -> tuple[Array, dict[str, Array]]:
+    """Samples of the whole plan.
+
+    Parameters
+    ----------
+    unit : SimulatedUnit
+    plan : Plan
+    table : SimulatedTable
+    rng : numpy Generator
+    frequency : float, Hz
+
+    Returns
+    -------
+    time : ndarray, shape (n,), s
+    samples : dict of str to ndarray, shape (n, 3)
+        m/s^2 and rad/s, or whole pulses counted over each sample interval, the rest carried to the next.
+    """
+    count = int(np.floor((plan.segment[-1].stop + 1.0) * frequency))
+    time = np.arange(1, count + 1) / frequency
+    angles, rates = motion(plan, table, time - 0.5 / frequency)
+    samples = readings(unit, *inputs(angles, rates, site_of(plan), table.errors))
+    for sensor, density in (("accel", unit.accel_density), ("gyro", unit.gyro_density)):
+        samples[sensor] += density * np.sqrt(frequency) * rng.standard_normal((count, 3))
+        for i, axis in enumerate(SENSORS[sensor]):
+            text = unit.pulses.get(axis, unit.pulses.get(sensor))
+            if text is not None:
+                factor, increment = nominal_scale(text, sensor, axis)
+                samples[sensor][:, i] = _pulses(samples[sensor][:, i] / factor, 1 / frequency if increment else None)
+    return time, samples
+
+
+def _pulses(values: Array, interval: float | None) -> Array:
+    """Whole counts of a converter; increments carry their residue."""
+    if interval is None:
+        return np.round(values)
+    return np.diff(np.floor(np.cumsum(values * interval)), prepend=0.0)
+
+
+def write_recording(path: str, time: Array, samples: dict[str, Array], pulses: dict[str, str]) -> None:
+    """Write samples as a Parquet recording with units in its header."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    from ..files import write_atomically
+
+    columns = {"time [s]": pa.array(time)}
+    for sensor, unit_text in (("accel", "m/s^2"), ("gyro", "rad/s")):
+        for i, axis in enumerate(SENSORS[sensor]):
+            counted = axis in pulses or sensor in pulses
+            values = samples[sensor][:, i]
+            columns[f"{axis} [{'pulse' if counted else unit_text}]"] = pa.array(values.astype(np.int32) if counted else values)
+    with write_atomically(path) as temporary:
+        parquet.write_table(pa.table(columns), temporary)

@@ -1,0 +1,253 @@
+"""Check a calibration on a recording that its fit has not seen.
+
+Static segments must show the norm of gravity, turning ones the norm of rate and Earth rate, attitudes found in a
+hand-turned log besides must be joined by the integrated rate. Each misfit is compared with what the calibration's
+covariance, the noise of the new means and (where its own fit scattered by more than noise) that scatter allow; all of them
+together pass or fail by one chi-square.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from .calibrate import common, hand_turned
+from .calibrate.hand_gyros import rotation_misfit
+from .calibration import Calibration, printed
+from .errors import DataError
+from .frames import Array
+from .observe.means import SegmentMeans, segment_means
+from .observe.static import THRESHOLD, static_intervals
+from .plan import Plan
+from .recording import Recording, from_arrays
+from .rigs.turntable import averaging
+from .sensors import Correction, Triad, triad_of
+
+PASS = 0.01
+"""Probability below which the misfits are more than the stated uncertainty allows."""
+_TRIADS = {"accel": "m/s^2", "gyro": "rad/s"}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One comparison with what is known: residual and its standard uncertainty, SI."""
+
+    segment: str
+    what: str
+    residual: float
+    standard_uncertainty: float
+    unit: str
+
+    @property
+    def z(self) -> float:
+        """Residual in standard uncertainties."""
+        return self.residual / self.standard_uncertainty if self.standard_uncertainty > 0 else math.inf
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Outcome of :func:`verify`.
+
+    Attributes
+    ----------
+    checks : tuple of Check
+    chi2, p_value : float
+    degrees_of_freedom : int
+    passed : bool
+    rotation_rms : float or None
+        Closure of the rotations of a hand-turned log, rad.
+    remarks : tuple of str
+    """
+
+    checks: tuple[Check, ...]
+    chi2: float
+    degrees_of_freedom: int
+    p_value: float
+    passed: bool
+    rotation_rms: float | None = None
+    remarks: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain table for JSON."""
+        return asdict(self)
+
+    def summary(self) -> str:
+        """The outcome as a page of text."""
+        lines = [f"  {'segment':<12}{'quantity':<14}{'residual':>12}  {'std. unc.':>10}  {'unit':<8}{'ratio':>6}"]
+        for c in self.checks:
+            value, sigma, unit = printed(c.residual, c.standard_uncertainty, c.unit)
+            lines.append(f"  {c.segment:<12}{c.what:<14}{value:>12}  {sigma:>10}  {unit:<8}{c.z:>6.1f}")
+        for kind in dict.fromkeys(c.what for c in self.checks):
+            here = [c for c in self.checks if c.what == kind]
+            rms = math.sqrt(sum(c.residual**2 for c in here) / len(here))
+            text, _, unit = printed(rms, rms / 30, here[0].unit)
+            lines.append(f"  {kind}: {text} {unit} rms over {len(here)}")
+        if self.rotation_rms is not None:
+            lines.append(f"  rotation closure: {math.degrees(self.rotation_rms):.3g} deg rms")
+        verdict = "PASS" if self.passed else "FAIL"
+        lines.append(
+            f"  {verdict}: chi-square {self.chi2:.4g} for {self.degrees_of_freedom}, probability {self.p_value:.2g} "
+            f"(limit {PASS:g})"
+        )
+        return "\n".join([*lines, *(f"  note: {r}" for r in self.remarks)]) + "\n"
+
+
+def verify(
+    calibration: Calibration, recording: Recording, plan: Plan | None = None, *, threshold: float = THRESHOLD
+) -> Verification:
+    """Compare a recording, compensated, with what is known of its inputs.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    recording : Recording
+        In the same units as the calibration's own.
+    plan : Plan, optional
+        Its segments; without segments (or plan) the static intervals are found as for a hand-turned unit.
+    threshold : float
+        See :func:`sagnac.observe.static.static_intervals`.
+
+    Returns
+    -------
+    Verification
+
+    Raises
+    ------
+    DataError
+        When there is nothing to compare.
+    InputError
+        When units do not match.
+    """
+    from .compensation import corrections
+
+    models = corrections(calibration, recording)
+    site = plan or Plan(latitude=calibration.site.latitude, gravity=calibration.site.gravity)
+    if site.segment:
+        means = segment_means(recording, site)
+        return _judge(calibration, means, site, models, None)
+    batch = recording.read()
+    found = static_intervals(batch, threshold)
+    if "accel" not in models or len(found.start) == 0:
+        raise DataError("without a plan's segments there must be static intervals of a calibrated accelerometer triad; none found")
+    means, site = hand_turned.means_of(batch, found, site, recording.counts, recording.name)
+    closure = None
+    if "gyro" in models and len(found.start) > 1:
+        whole = from_arrays(batch.time, batch.accel, batch.gyro, counts=tuple(recording.counts), name=recording.name).read()
+        closure = rotation_misfit(whole, found, means, models["accel"], models["gyro"])
+    return _judge(calibration, means, site, models, closure)
+
+
+@dataclass(frozen=True)
+class _Norms:
+    """Norm misfits of one triad: residual (n,), derivative to all parameters (n, k), variance of noise (n,)."""
+
+    kind: str
+    names: Sequence[str]
+    residual: Array
+    jacobian: Array
+    variance: Array
+
+
+def _judge(
+    calibration: Calibration, means: SegmentMeans, plan: Plan, models: dict[str, Correction], closure: Array | None
+) -> Verification:
+    from scipy.special import chdtrc
+
+    parts = [_norms(k, calibration, means, plan, models) for k in ("accel", "gyro") if k in models]
+    parts = [p for p in parts if p.residual.size]
+    if not parts:
+        raise DataError("nothing to compare: static segments need accelerometers, turning ones gyros")
+    r = np.concatenate([p.residual for p in parts])
+    jac = np.vstack([p.jacobian for p in parts])
+    covariance = np.diag(np.concatenate([p.variance for p in parts])) + jac @ calibration.matrix @ jac.T
+    covariance += 1e-24 * np.eye(r.size) * float(np.trace(covariance)) / r.size
+    white = np.linalg.solve(np.linalg.cholesky(covariance), r)
+    chi2 = float(white @ white)
+    checks = tuple(
+        Check(name, "static norm" if p.kind == "accel" else "rate norm", float(v), float(s), _TRIADS[p.kind])
+        for p, sigma in zip(parts, np.split(np.sqrt(np.diag(covariance)), np.cumsum([p.residual.size for p in parts])[:-1]), strict=True)
+        for name, v, s in zip(p.names, p.residual, sigma, strict=True)
+    )
+    p_value = float(chdtrc(r.size, chi2))
+    rms = None if closure is None else float(np.sqrt(np.mean(closure**2)))
+    closed, remarks = _closure(calibration, closure, list(means.remarks))
+    return Verification(checks, chi2, r.size, p_value, p_value >= PASS and closed, rms, tuple(remarks))
+
+
+def _closure(calibration: Calibration, closure: Array | None, remarks: list[str]) -> tuple[bool, list[str]]:
+    """Whether the rotations close as well as those of the fit did (F test at the same level)."""
+    expected = calibration.fit.residuals.get("rotation")
+    if closure is None or expected is None:
+        return True, remarks
+    from scipy.special import fdtrc
+
+    ratio = float(np.mean(closure**2)) / math.radians(expected.rms) ** 2
+    p_value = float(fdtrc(2 * closure.size, max(2 * expected.count - 9, 1), ratio))
+    remarks.append(
+        f"rotations close to {math.degrees(math.sqrt(np.mean(closure**2))):.3g} deg rms, in the fit {expected.rms:.3g} deg "
+        f"(probability {p_value:.2g})"
+    )
+    return p_value >= PASS, remarks
+
+
+def _norms(kind: str, calibration: Calibration, means: SegmentMeans, plan: Plan, models: dict[str, Correction]) -> _Norms:
+    rates = np.array([s.outer_rate for s in means.segments])
+    at = np.flatnonzero(rates == 0 if kind == "accel" else rates != 0)
+    names = [means.names[i] for i in at]
+    if at.size == 0:
+        return _Norms(kind, names, np.zeros(0), np.zeros((0, len(calibration.parameters))), np.zeros(0))
+    model = models[kind]
+    readings = means.mean[kind][at]
+    force = None
+    if np.any(model.g_matrix) and "accel" in models:
+        accel = models["accel"]
+        force = (means.mean["accel"][at] - accel.bias) @ np.linalg.inv(accel.matrix).T
+        readings = readings - force @ model.g_matrix.T
+    inverse = np.linalg.inv(model.matrix)
+    u = (readings - model.bias) @ inverse.T
+    if np.any(model.quadratic):
+        from .sensors import invert
+
+        u = invert(model, means.mean[kind][at])
+    size = np.linalg.norm(u, axis=1)
+    if kind == "accel":
+        known = np.full(at.size, plan.site_gravity)
+    else:
+        latitude = plan.need_latitude("the rate norm")
+        left = averaging(rates[at] * means.interval[at], means.count[at])
+        known = np.hypot(rates[at] + plan.earth_rate * math.sin(latitude), left * plan.earth_rate * math.cos(latitude))
+    along = (u / size[:, None]) @ inverse  # d|u| / dN
+    gain = float(np.mean(np.linalg.norm(model.matrix, axis=1))) if model.counts else 1.0
+    noise = common.noise_of(means, plan, kind, gain, float(np.abs(readings).max()))
+    density = noise.density if noise.known else np.zeros(3)
+    variance = np.einsum("ni,ni->n", along**2, means.variance(kind, density)[at])
+    scatter = calibration.fit.residuals.get("static norm" if kind == "accel" else "rate norm")
+    if scatter is not None and "white" not in calibration.fit.uncertainty.split(" / ")[0]:
+        variance = variance + scatter.rms**2
+    if kind == "gyro" and plan.rig.rate_uncertainty > 0:
+        variance = variance + (rates[at] * plan.rig.rate_uncertainty) ** 2
+    return _Norms(kind, names, size - known, _jacobian(kind, calibration, u, along, force), variance)
+
+
+def _jacobian(kind: str, calibration: Calibration, u: Array, along: Array, force: Array | None) -> Array:
+    """Derivative of the norm to every parameter of the calibration: -d|u|/dN (dS u + db + dG f)."""
+    names = list(calibration.values())
+    out = np.zeros((len(u), len(names)))
+    triad = triad_of(names, kind) or Triad(kind)
+    if not set(triad.names) <= set(names):  # biases alone, as from four positions
+        for i, axis in enumerate("xyz"):
+            out[:, names.index(f"{kind}.bias.{axis}")] = -along[:, i]
+        return out
+    x = np.array([calibration[n].value for n in triad.names])
+    d_matrix, d_bias, d_g = triad.derivatives(x)
+    change = np.einsum("kij,nj->nik", d_matrix, u) + d_bias.T
+    if force is not None:
+        change = change + np.einsum("kij,nj->nik", d_g, force)
+    out[:, [names.index(n) for n in triad.names]] = -np.einsum("ni,nik->nk", along, change)
+    return out
+
+
