@@ -95,10 +95,11 @@ class BudgetLine(_Record):
 
 
 class UnitName(_Record):
-    """Which unit was calibrated."""
+    """Which unit was calibrated, and the nominal scale factors that its counts were read with."""
 
     model: str = ""
     serial: str = ""
+    scale: dict[str, str] = {}
 
 
 class Site(_Record):
@@ -130,7 +131,7 @@ class Software(_Record):
 class Calibration(_Record):
     """A calibration. :func:`load` reads one, :meth:`save` writes it."""
 
-    schema_id: Literal["sagnac/calibration/1"] = Field(default=SCHEMA, alias="schema")
+    schema_id: Literal["sagnac/calibration/1"] = Field(default="sagnac/calibration/1", alias="schema")
     method: str
     unit: UnitName = UnitName()
     parameters: tuple[Value, ...]
@@ -245,14 +246,14 @@ def printed(value: float, sigma: float, si_unit: str) -> tuple[str, str, str]:
     unit_text = choices[-1]
     for choice in choices:
         size = abs(units.convert(1.0, si_unit, choice)) if len(choices) > 1 else 1.0
-        if sigma * size >= 0.01 or (sigma == 0 and abs(value) * size >= 1):  # noqa: PLR2004 - two digits fit
+        if sigma * size >= 0.01 or (sigma == 0 and abs(value) * size >= 1):
             unit_text = choice
             break
     size = units.convert(1.0, si_unit, unit_text) if len(choices) > 1 else 1.0
     v, s = value * size, sigma * size
     if s > 0 and math.isfinite(s):
         digits = max(0, 1 - math.floor(math.log10(s)))
-        if digits > 9:  # noqa: PLR2004 - noise-free data: scientific notation reads better
+        if digits > 9:
             return f"{v:.12g}", f"{s:.1e}", unit_text
         return f"{v:.{digits}f}", f"{s:.{digits}f}", unit_text
     return f"{v:.9g}", "-" if s == 0 else f"{s:.2g}", unit_text
@@ -296,7 +297,9 @@ def _strongest(cal: Calibration) -> list[str]:
     top = max(cal.fit.influence, key=lambda i: i.shift if i.shift is not None else math.inf)
     if top.shift is None:
         return [f"  without segment {top.segment!r} the parameters would not be determined"]
-    return [f"  most influence: segment {top.segment!r} moves {top.parameter} by {top.shift:.2g} standard uncertainties"]
+    return [
+        f"  most influence: segment {top.segment!r} moves {top.parameter} by {top.shift:.2g} standard uncertainties"
+    ]
 
 
 def _budget_lines(cal: Calibration) -> list[str]:

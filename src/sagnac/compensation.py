@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,9 @@ def corrections(calibration: Calibration, recording: Recording) -> dict[str, Cor
             )
         out[sensor] = model
     if not out:
-        raise DataError(f"the calibration says nothing about the sensors in {recording.name} ({', '.join(recording.has)})")
+        raise DataError(
+            f"the calibration says nothing about the sensors in {recording.name} ({', '.join(recording.has)})"
+        )
     return out
 
 
@@ -68,7 +70,9 @@ def stream(calibration: Calibration, recording: Recording) -> Iterator[tuple[Bat
         yield batch, compensate(batch, models)
 
 
-def apply(calibration: Calibration, recording: Recording, out: str | Path) -> int:
+def apply(
+    calibration: Calibration, recording: Recording, out: str | Path, *, progress: Callable[[int], None] | None = None
+) -> int:
     """Apply a calibration to a recording and write the compensated samples.
 
     Parameters
@@ -77,6 +81,8 @@ def apply(calibration: Calibration, recording: Recording, out: str | Path) -> in
     recording : Recording
     out : path
         ``.parquet`` or ``.csv``. Written whole or not at all; sensors without a calibration and all other columns are kept.
+    progress : callable, optional
+        Called with the number of samples written so far.
 
     Returns
     -------
@@ -103,6 +109,8 @@ def apply(calibration: Calibration, recording: Recording, out: str | Path) -> in
                     writer = _writer(temporary, table.schema)
                 writer.write_batch(table)
                 rows += batch.time.size
+                if progress is not None:
+                    progress(rows)
         finally:
             if writer is not None:
                 writer.close()

@@ -216,7 +216,7 @@ def null_space(jacobian: Array, names: Sequence[str], threshold: float = _RANK) 
     _, values, right = np.linalg.svd(scaled, full_matrices=False)
     for value, vector in zip(values, right, strict=True):
         if value <= threshold * values[0]:
-            unseen.append(combination(vector / length[alive], [names[i] for i in alive]))
+            unseen.append(combination(vector / length[alive], [names[int(i)] for i in alive]))
     condition = np.inf if unseen else float(values[0] / values[-1])
     return condition, unseen
 
@@ -231,7 +231,7 @@ def combination(vector: Array, names: Sequence[str]) -> str:
     for i in parts:
         weight = first * vector[i]
         sign = "" if not text and weight > 0 else (" + " if weight > 0 else " - ")
-        text += f"{sign}{abs(weight):.2g} {names[i]}"
+        text += f"{sign}{abs(weight):.2g} {names[int(i)]}"
     return text
 
 
@@ -281,7 +281,9 @@ def estimate(
         previous, weights = weights, _huber(model(x), len(segments)) if robust else weights
         if np.allclose(previous, weights, atol=1e-3):
             break
-    return _judge(parameters, _weighted(model, weights)(x), x, segments, weights, noise_known and not robust, iterations)
+    return _judge(
+        parameters, _weighted(model, weights)(x), x, segments, weights, noise_known and not robust, iterations
+    )
 
 
 def _remembering(model: Model) -> Model:
@@ -370,7 +372,7 @@ def _gauss_newton(parameters: Sequence[Parameter], model: Model, x: Array, limit
 
 def _settled_or_refused(jac: Array, step: Array, r: Array, iteration: int) -> int:
     """No fraction of the step lowers the cost: fine at the bottom, an error elsewhere."""
-    if np.linalg.norm(jac @ step) < 1e-4 * max(1.0, np.linalg.norm(r)):
+    if float(np.linalg.norm(jac @ step)) < 1e-4 * max(1.0, float(np.linalg.norm(r))):
         return iteration
     raise DataError("the fit stopped on a slope: the model does not describe these data")
 
@@ -439,7 +441,9 @@ def _refuse_vague(values: Array, right: Array, scale: Array, names: Sequence[str
         if s < 1.0
     ]
     if vague:
-        raise DataError(f"the data say next to nothing about: {'; '.join(vague)}. Add positions or rates that excite it.")
+        raise DataError(
+            f"the data say next to nothing about: {'; '.join(vague)}. Add positions or rates that excite it."
+        )
 
 
 def _groups(rows: Rows, count: int) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:

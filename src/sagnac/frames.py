@@ -105,6 +105,15 @@ def cross(v: Array, w: Array) -> Array:
     return out
 
 
+def transform(matrix: Array, v: Array) -> Array:
+    """``matrix @ v`` for long lists of vectors (n, 3).
+
+    Not a matrix product on purpose: on tall thin operands BLAS wakes its threads, which then spin idle for longer than the
+    whole sum takes.
+    """
+    return np.asarray(np.einsum("ij,nj->ni", matrix, v))
+
+
 def wahba(here: Array, there: Array) -> Array:
     """Rotation that best takes one set of directions to another (Wahba's problem, SVD solution).
 

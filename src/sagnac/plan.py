@@ -1,7 +1,7 @@
 """What was done with the unit: site, unit, rig and segments, read from TOML.
 
-Every quantity in the file is a text with its unit; in memory, and in Python calls, everything is SI. Writing a plan and reading it back
-gives an equal plan.
+Every quantity in the file is a text with its unit; in memory, and in Python calls, everything is SI. Writing a plan
+and reading it back gives an equal plan.
 """
 
 from __future__ import annotations

@@ -93,6 +93,8 @@ class Recording:
         Sensors whose samples are pulses counted over the sample interval (turned into rates, residue carried).
     other : tuple of str
         Header texts of the columns that nothing here reads.
+    scale : mapping of str to str
+        Nominal scale factors that turned counts into SI.
     """
 
     name: str
@@ -101,6 +103,7 @@ class Recording:
     has: frozenset[str]
     increments: frozenset[str]
     other: tuple[str, ...]
+    scale: Mapping[str, str]
     _stream: Callable[[bool], Iterator[Batch]] = field(repr=False)
 
     def batches(self, *, with_other: bool = False) -> Iterator[Batch]:
@@ -132,7 +135,7 @@ class Recording:
             return np.concatenate(pieces) if pieces else None
 
         time = joined(lambda b: b.time)
-        assert time is not None  # noqa: S101 - for the type checker: every batch has time
+        assert time is not None
         rig = {k: np.concatenate([p.rig[k] for p in parts]) for k in parts[0].rig}
         return Batch(1, time, joined(lambda b: b.accel), joined(lambda b: b.gyro), rig)
 
@@ -183,7 +186,7 @@ def from_arrays(
     def stream(_: bool) -> Iterator[Batch]:
         yield Batch(1, t, data.get("accel"), data.get("gyro"), columns)
 
-    return Recording(name, None, frozenset(counts), frozenset(data), frozenset(), (), stream)
+    return Recording(name, None, frozenset(counts), frozenset(data), frozenset(), (), {}, stream)
 
 
 def open_recording(
@@ -229,8 +232,10 @@ def open_recording(
         missing = [a for a in axes if a not in channels]
         if 0 < len(missing) < len(axes):
             raise InputError(f"{path}: {sensor} lacks {', '.join(missing)}; rename columns with --map")
-        if len({f"{sensor}" in counts, *(a in counts for a in axes)} - {False}) and not all(a in counts for a in axes):
-            raise InputError(f"{path}: some {sensor} columns are counts and others are not; give --scale for all of them")
+        if {f"{sensor}" in counts, *(a in counts for a in axes)} - {False} and not all(a in counts for a in axes):
+            raise InputError(
+                f"{path}: some {sensor} columns are counts and others are not; give --scale for all of them"
+            )
     if not has:
         raise InputError(f"{path}: no sensor columns (accel_x [g], gyro_x [deg/s], ...); rename others with --map")
     raw = frozenset(s for s in has if SENSORS[s][0] in counts)
@@ -241,7 +246,8 @@ def open_recording(
     def stream(with_other: bool) -> Iterator[Batch]:
         return _stream(table, channels, other if with_other else ())
 
-    return Recording(str(path), path, raw, has, summed, other, stream)
+    needed = {k: v for k, v in (scale or {}).items() if k.split("_")[0] in has - raw}
+    return Recording(str(path), path, raw, has, summed, other, needed, stream)
 
 
 def _headers(columns: tuple[str, ...], rename: Mapping[str, str], path: Path) -> dict[str, tuple[str, str | None]]:
@@ -278,7 +284,7 @@ def _channel(
     path: Path,
     counts: set[str],
 ) -> Channel:
-    group = name.split("_")[0]
+    group = name.split("_", maxsplit=1)[0]
     kind = _KIND[group]
     unit_text = _lookup(units_of, name) or unit_text
     example = {"accel": "accel=g", "gyro": "gyro=deg/s"}.get(group, f"{name}={units.KINDS[kind][0]}")
@@ -335,7 +341,9 @@ def _stream(table: formats.Table, channels: Mapping[str, Channel], other: tuple[
         for name, channel in channels.items():
             if channel.increment:
                 if interval is None:
-                    raise InputError(f"{table.path}: one sample alone cannot say over which time its pulses were counted")
+                    raise InputError(
+                        f"{table.path}: one sample alone cannot say over which time its pulses were counted"
+                    )
                 si[name] = si[name] / interval
         sensors = {
             s: np.column_stack([si[a] for a in axes]) for s, axes in SENSORS.items() if all(a in si for a in axes)

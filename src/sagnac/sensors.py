@@ -219,7 +219,9 @@ def invert(model: Correction, readings: Array, specific_force: Array | None = No
     raw = readings - model.bias
     if np.any(model.g_matrix):
         if specific_force is None:
-            raise DataError("the gyros are g-sensitive: compensating them needs the accelerometers of the same recording")
+            raise DataError(
+                "the gyros are g-sensitive: compensating them needs the accelerometers of the same recording"
+            )
         raw = raw - specific_force @ model.g_matrix.T
     inverse = np.linalg.inv(model.matrix)
     out = raw @ inverse.T

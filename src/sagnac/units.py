@@ -71,7 +71,7 @@ def registry() -> Any:
     """The pint registry of this package (built on first use)."""
     import pint
 
-    ureg = pint.UnitRegistry(None, autoconvert_offset_to_baseunit=True)
+    ureg: Any = pint.UnitRegistry(None, autoconvert_offset_to_baseunit=True)
     for line in _DEFINITIONS.strip().splitlines():
         ureg.define(line)
     return ureg
@@ -170,7 +170,7 @@ def is_count(unit_text: str) -> bool:
     """Whether the unit is a bare count (count, pulse, LSB)."""
     try:
         return bool(_unit(unit_text).dimensionality == {"[count]": 1.0})
-    except Exception:  # unknown unit: the caller's own conversion names it
+    except Exception:  # noqa: BLE001 - unknown unit: the caller's own conversion names it
         return False
 
 

@@ -132,11 +132,15 @@ def verify(
     batch = recording.read()
     found = static_intervals(batch, threshold)
     if "accel" not in models or len(found.start) == 0:
-        raise DataError("without a plan's segments there must be static intervals of a calibrated accelerometer triad; none found")
+        raise DataError(
+            "without a plan's segments there must be static intervals of a calibrated accelerometer triad; none found"
+        )
     means, site = hand_turned.means_of(batch, found, site, recording.counts, recording.name)
     closure = None
     if "gyro" in models and len(found.start) > 1:
-        whole = from_arrays(batch.time, batch.accel, batch.gyro, counts=tuple(recording.counts), name=recording.name).read()
+        whole = from_arrays(
+            batch.time, batch.accel, batch.gyro, counts=tuple(recording.counts), name=recording.name
+        ).read()
         closure = rotation_misfit(whole, found, means, models["accel"], models["gyro"])
     return _judge(calibration, means, site, models, closure)
 
@@ -169,7 +173,9 @@ def _judge(
     chi2 = float(white @ white)
     checks = tuple(
         Check(name, "static norm" if p.kind == "accel" else "rate norm", float(v), float(s), _TRIADS[p.kind])
-        for p, sigma in zip(parts, np.split(np.sqrt(np.diag(covariance)), np.cumsum([p.residual.size for p in parts])[:-1]), strict=True)
+        for p, sigma in zip(
+            parts, np.split(np.sqrt(np.diag(covariance)), np.cumsum([p.residual.size for p in parts])[:-1]), strict=True
+        )
         for name, v, s in zip(p.names, p.residual, sigma, strict=True)
     )
     p_value = float(chdtrc(r.size, chi2))
@@ -194,7 +200,9 @@ def _closure(calibration: Calibration, closure: Array | None, remarks: list[str]
     return p_value >= PASS, remarks
 
 
-def _norms(kind: str, calibration: Calibration, means: SegmentMeans, plan: Plan, models: dict[str, Correction]) -> _Norms:
+def _norms(
+    kind: str, calibration: Calibration, means: SegmentMeans, plan: Plan, models: dict[str, Correction]
+) -> _Norms:
     rates = np.array([s.outer_rate for s in means.segments])
     at = np.flatnonzero(rates == 0 if kind == "accel" else rates != 0)
     names = [means.names[i] for i in at]
@@ -249,5 +257,3 @@ def _jacobian(kind: str, calibration: Calibration, u: Array, along: Array, force
         change = change + np.einsum("kij,nj->nik", d_g, force)
     out[:, [names.index(n) for n in triad.names]] = -np.einsum("ni,nik->nk", along, change)
     return out
-
-

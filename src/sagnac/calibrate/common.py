@@ -21,7 +21,6 @@ from ..plan import Plan
 from ..recording import Recording
 from ..rigs.turntable import Site, attitude
 
-
 _NOMINAL = 1e-10
 """Noise, relative to the readings, that stands in until the residuals tell: so small that no prior outweighs data."""
 
@@ -71,10 +70,14 @@ def noise_of(means: SegmentMeans, plan: Plan, sensor: str, gain: float = 1.0, si
     ratio = found / density
     limit = max(1.5, np.sqrt(1.0 + 5.0 * np.sqrt(2.0 / dof)))
     if np.any(ratio > limit):
-        text = f"the {sensor} data show up to {ratio.max():.2g} times the noise stated in the plan: the data's own is used"
+        text = (
+            f"the {sensor} data show up to {ratio.max():.2g} times the noise stated in the plan: the data's own is used"
+        )
         return Noise(np.maximum(found, density), True, (text,))
-    if np.all(ratio < 0.5):  # noqa: PLR2004 - a factor of two is worth a word
-        text = f"the {sensor} data show only {ratio.max():.2g} of the noise stated in the plan, which is used all the same"
+    if np.all(ratio < 0.5):
+        text = (
+            f"the {sensor} data show only {ratio.max():.2g} of the noise stated in the plan, which is used all the same"
+        )
         return Noise(density, True, (text,))
     return Noise(density, True)
 
@@ -183,9 +186,12 @@ def result(
         start, stop = span if span is not None else (None, None)
         source = (record.Source(file=recording.name, sha256=digest, start=start, stop=stop),)
     return Calibration(
-        schema=record.SCHEMA,
         method=method,
-        unit=record.UnitName(model=plan.unit.model, serial=plan.unit.serial) if plan else record.UnitName(),
+        unit=record.UnitName(
+            model=plan.unit.model if plan else "",
+            serial=plan.unit.serial if plan else "",
+            scale=dict(recording.scale) if recording else {},
+        ),
         parameters=parameters,
         covariance=record.covariance_rows(covariance),
         fit=fit,

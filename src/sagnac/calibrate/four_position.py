@@ -93,14 +93,15 @@ def calibrate_means(
         "gyro": np.einsum("nji,j->ni", to_enu, site.enu),
     }
     sizes = {"accel": site.gravity, "gyro": site.earth_rate}
-    done = []
     remarks = list(means.remarks)
     for sensor in ("gyro", "accel"):
         if sensor in means.mean:
             _refuse_uncancelled(sensor, inputs[sensor], sizes[sensor], means.names)
-    for sensor in ("gyro", "accel"):
-        if sensor in means.mean:
-            done.append(_solve(sensor, means, plan, inputs[sensor], sizes[sensor], robust, remarks))
+    done = [
+        _solve(sensor, means, plan, inputs[sensor], sizes[sensor], robust, remarks)
+        for sensor in ("gyro", "accel")
+        if sensor in means.mean
+    ]
     return _report(done, means, plan, site.gravity, recording, remarks)
 
 
@@ -110,7 +111,7 @@ def _attitude(segment: Segment) -> Array:
         x = np.array([math.sin(segment.x_azimuth), math.cos(segment.x_azimuth), 0.0])
         y = np.array([math.sin(segment.y_azimuth), math.cos(segment.y_azimuth), 0.0])
         z = np.array([0.0, 0.0, 1.0 if segment.z == "up" else -1.0])
-        if abs(float(x @ y)) > 1e-3:  # noqa: PLR2004 - 3.4 arcmin
+        if abs(float(x @ y)) > 1e-3:
             raise InputError(f"segment {segment.name!r}: the azimuths of x and y are not 90 deg apart")
         if float(np.cross(x, y) @ z) < 0:
             other = "down" if segment.z == "up" else "up"
@@ -136,8 +137,8 @@ def _refuse_uncancelled(sensor: str, u: Array, size: float, names: Sequence[str]
         else ("Earth rate", math.degrees(left[worst]) * 3600.0, "deg/h")
     )
     raise DataError(
-        f"the inputs of these {len(names)} positions do not cancel: on axis {_AXES[worst]} a mean {kind} of {value:.4g} {unit} is "
-        "left, which would pass for bias. Add the missing position or correct the attitudes"
+        f"the inputs of these {len(names)} positions do not cancel: on axis {_AXES[worst]} a mean {kind} of {value:.4g} {unit} "
+        "is left, which would pass for bias. Add the missing position or correct the attitudes"
     )
 
 
@@ -175,10 +176,13 @@ def _solve(
     unit = "m/s^2" if sensor == "accel" else "rad/s"
     start = float(np.abs(observed).max())
     parameters = [
-        Parameter(f"{sensor}.bias.{a}", unit, float(observed[:, i].mean()), max(size, start)) for i, a in enumerate(_AXES)
+        Parameter(f"{sensor}.bias.{a}", unit, float(observed[:, i].mean()), max(size, start))
+        for i, a in enumerate(_AXES)
     ]
     parameters += [
-        Parameter(f"{sensor}.linear.{i}{j}", unit, 0.0, 10.0 * _LINEAR_PRIOR * size, 0.0, _LINEAR_PRIOR * size, nuisance=True)
+        Parameter(
+            f"{sensor}.linear.{i}{j}", unit, 0.0, 10.0 * _LINEAR_PRIOR * size, 0.0, _LINEAR_PRIOR * size, nuisance=True
+        )
         for i in _AXES
         for j in _AXES
     ]
@@ -230,7 +234,12 @@ def _budget(
 
 
 def _report(
-    done: list[_Solved], means: SegmentMeans, plan: Plan, gravity: float, recording: Recording | None, remarks: list[str]
+    done: list[_Solved],
+    means: SegmentMeans,
+    plan: Plan,
+    gravity: float,
+    recording: Recording | None,
+    remarks: list[str],
 ) -> Calibration:
     names = [f"{d.sensor}.bias.{a}" for d in done for a in _AXES]
     units = [u for d in done for u in (["m/s^2"] * 3 if d.sensor == "accel" else ["rad/s"] * 3)]

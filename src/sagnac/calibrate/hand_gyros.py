@@ -1,4 +1,6 @@
-"""Gyros of a unit turned by hand from rest to rest, from two things that need no rig:
+"""Gyros of a unit turned by hand from rest to rest.
+
+Two things need no rig:
 
     rest        N_g = b + G f + S_g w_E                  static means: bias and 3x3 g-sensitivity
     rotation    f_after ~ R(S_g, b, G)' f_before         gravity turned by the integrated rate, interval to interval
@@ -14,18 +16,19 @@ which knows scale, axes and sense at once (the hand's own acceleration is noise 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DataError
 from ..estimate import Estimate, Parameter, Rows, estimate
-from ..frames import Array, skew, tangents, unit
+from ..frames import Array, skew, tangents, transform, unit
 from ..observe.means import SegmentMeans
 from ..observe.static import StaticIntervals
 from ..recording import GAP, Batch, sample_interval
 from ..sensors import Correction, Triad
+from . import sanity
 
 _STRETCH = 0.5  # s: long enough for the hand's acceleration to average out, short enough to see the turn
 _FEWEST_ROTATIONS = 6
@@ -48,6 +51,8 @@ class GyroFit:
         Residual of the static means, in the unit of the readings.
     cross : ndarray, shape (k, 9)
         Covariance between the gyro and the accelerometer parameters.
+    remarks : list of str
+        What the signs of the gains say.
     """
 
     fit: Estimate
@@ -56,6 +61,7 @@ class GyroFit:
     rotations: int
     static_rms: float
     cross: Array
+    remarks: list[str]
 
 
 @dataclass(frozen=True)
@@ -77,7 +83,13 @@ class _Motion:
 
 
 def calibrate_gyros(
-    batch: Batch, found: StaticIntervals, means: SegmentMeans, accel: Estimate, accel_triad: Triad, counts: bool, up_rate: float
+    batch: Batch,
+    found: StaticIntervals,
+    means: SegmentMeans,
+    accel: Estimate,
+    accel_triad: Triad,
+    counts: bool,
+    up_rate: float,
 ) -> GyroFit:
     """Gyro scale, misalignment, bias and g-sensitivity in the accelerometers' frame.
 
@@ -108,6 +120,7 @@ def calibrate_gyros(
     motion = _motion(batch, found, means, matrix, bias, up_rate)
     triad = Triad("gyro", counts, full=True, g_sensitivity=True)
     x, sigma_static = _start(motion, triad)
+    remarks = sanity.check_hand_turned_sense(triad.unpack(x)[0], counts)
     scales = triad.scales(triad.unpack(x)[0], 1.0)
     sigma_turn = np.radians(0.5)
     for _ in range(3):  # the noise of rotations and of static means from their own residuals
@@ -130,12 +143,14 @@ def calibrate_gyros(
             "saturates or is dead, samples are missing, or the time stamps are wrong"
         )
     static_rms = float(np.sqrt(np.mean(rest**2))) * rows.sigma_static
-    return GyroFit(fit, triad, rms, motion.first.size, static_rms, cross)
+    return GyroFit(fit, triad, rms, motion.first.size, static_rms, cross, remarks)
 
 
-def _motion(batch: Batch, found: StaticIntervals, means: SegmentMeans, matrix: Array, bias: Array, up_rate: float) -> _Motion:
-    assert batch.accel is not None and batch.gyro is not None  # noqa: S101, PT018 - the caller has looked
-    inverse = np.linalg.inv(matrix)
+def _motion(
+    batch: Batch, found: StaticIntervals, means: SegmentMeans, matrix: Array, bias: Array, up_rate: float
+) -> _Motion:
+    assert batch.accel is not None and batch.gyro is not None  # noqa: PT018 - the caller has looked
+    inverse = np.asarray(np.linalg.inv(matrix))
     first, last = found.stop[:-1] - 1, found.start[1:]
     gaps = np.flatnonzero(np.diff(batch.time) > 2 * GAP * sample_interval(batch.time))
     whole = np.array([not np.any((gaps >= a) & (gaps < b)) for a, b in zip(first, last, strict=True)], dtype=bool)
@@ -146,7 +161,7 @@ def _motion(batch: Batch, found: StaticIntervals, means: SegmentMeans, matrix: A
     return _Motion(
         time=batch.time,
         gyro=batch.gyro,
-        force=(batch.accel - bias) @ inverse.T,
+        force=transform(inverse, batch.accel - bias),
         static_gyro=means.mean["gyro"],
         static_force=(means.mean["accel"] - bias) @ inverse.T,
         first=first[whole].astype(np.int64),
@@ -194,15 +209,17 @@ def _start(motion: _Motion, triad: Triad) -> tuple[Array, float]:
     """Start values by two linear solutions, and the scatter of the static means."""
     design = np.column_stack([np.ones(len(motion.static_force)), motion.static_force])
     solution = np.linalg.lstsq(design, motion.static_gyro, rcond=None)[0]
-    bias, g_matrix = solution[0], solution[1:].T
+    bias, g_matrix = solution[0], np.asarray(solution[1:].T)
     scatter = float(np.sqrt(np.mean((motion.static_gyro - design @ solution) ** 2)))
     moving = np.concatenate([np.arange(a, b) for a, b in zip(motion.first, motion.last, strict=True)])
     step = max(1, round(_STRETCH / float(np.median(np.diff(motion.time[:10000])))))
     starts = np.concatenate([np.arange(a, b, step) for a, b in zip(motion.first, motion.last, strict=True)])
-    ends = np.concatenate([np.append(np.arange(a, b, step)[1:], b) for a, b in zip(motion.first, motion.last, strict=True)])
+    ends = np.concatenate(
+        [np.append(np.arange(a, b, step)[1:], b) for a, b in zip(motion.first, motion.last, strict=True)]
+    )
     dt = (motion.time[moving + 1] - motion.time[moving])[:, None]
     force = 0.5 * (motion.force[moving] + motion.force[moving + 1])
-    rate = (0.5 * (motion.gyro[moving] + motion.gyro[moving + 1]) - bias - force @ g_matrix.T) * dt
+    rate = (0.5 * (motion.gyro[moving] + motion.gyro[moving + 1]) - bias - transform(g_matrix, force)) * dt
     offsets = np.concatenate([[0], np.cumsum(ends - starts)[:-1]])
     products = np.add.reduceat((force[:, :, None] * rate[:, None, :]).reshape(-1, 9), offsets).reshape(-1, 3, 3)
     rows = np.einsum("ijk,nkl->nijl", _CROSS, products).reshape(-1, 9)
@@ -210,11 +227,13 @@ def _start(motion: _Motion, triad: Triad) -> tuple[Array, float]:
     size = np.abs(rows).max(axis=0)
     if not np.all(size > 0):
         raise DataError("a gyro does not change while the unit is turned: it is dead or not connected")
-    inverse = (np.linalg.lstsq(rows / size, change, rcond=None)[0] / size).reshape(3, 3)
+    scaled = rows / size
+    normal = scaled.T @ scaled  # normal equations will do for a start; a tall lstsq would wake BLAS's threads
+    inverse = (np.linalg.lstsq(normal, scaled.T @ change, rcond=None)[0] / size).reshape(3, 3)
     norms = np.linalg.norm(inverse, axis=0)
-    if np.linalg.cond(inverse / norms) > 50.0:  # noqa: PLR2004 - three axes within a degree of one plane
+    if np.linalg.cond(inverse / norms) > 50.0:
         raise DataError("the three gyros do not see three axes: one is dead, or two columns carry the same signal")
-    x = triad.pack(np.linalg.inv(inverse), bias, g_matrix)
+    x = triad.pack(np.asarray(np.linalg.inv(inverse)), bias, np.asarray(g_matrix))
     return x, max(scatter, 1e-12 * float(np.abs(motion.gyro).max()))
 
 
@@ -235,14 +254,14 @@ class _Rows:
         self.basis = np.swapaxes(tangents(self.after), -1, -2)
         self.up = up
 
-    def _integrated(self, x: Array) -> tuple[Array, Array, Array, Array, Array]:
+    def _integrated(self, x: Array) -> tuple[Array, ...]:
         from ..kernels.rotation import integrate
 
         matrix, bias, g_matrix = self.triad.unpack(x)
         inverse = np.linalg.inv(matrix)
         m = self.motion
         rotation, sum_1, sum_w, sum_f = integrate(m.time, m.gyro, m.force, inverse, bias, g_matrix, m.first, m.last)
-        return inverse, rotation, sum_1, sum_w, sum_f
+        return np.asarray(inverse), rotation, sum_1, sum_w, sum_f
 
     def __call__(self, x: Array) -> Rows:
         inverse, rotation, sum_1, sum_w, sum_f = self._integrated(x)
@@ -262,11 +281,7 @@ class _Rows:
         u = m.up_rate * self.up
         rest = (m.static_gyro - bias - m.static_force @ g_matrix.T - u @ matrix.T) / self.sigma_static
         d_rest = (
-            -(
-                d_bias.T
-                + np.einsum("kij,nj->nik", d_g, m.static_force)
-                + np.einsum("kij,nj->nik", d_matrix, u)
-            )
+            -(d_bias.T + np.einsum("kij,nj->nik", d_g, m.static_force) + np.einsum("kij,nj->nik", d_matrix, u))
             / self.sigma_static
         )
         index = np.concatenate([np.repeat(m.interval + 1, 2), np.repeat(np.arange(len(rest)), 3)])
@@ -278,12 +293,12 @@ class _Rows:
 
     def angles(self, x: Array) -> Array:
         """Angle between predicted and measured gravity after each rotation, rad."""
-        _, rotation, *_ = self._integrated(x)
+        rotation = self._integrated(x)[1]
         return _turned(rotation, self.before, self.after)
 
     def to_accel(self, x: Array, matrix: Array, triad: Triad, accel: Estimate) -> Array:
         """Derivative of the residuals to the nine accelerometer parameters (through the directions of gravity)."""
-        _, rotation, *_ = self._integrated(x)
+        rotation = self._integrated(x)[1]
         d_matrix, d_bias, _ = triad.derivatives(accel.value[:9])
         force = self.motion.static_force
         d_force = -np.einsum("ij,njk->nik", np.linalg.inv(matrix), np.einsum("kij,nj->nik", d_matrix, force) + d_bias.T)
@@ -294,36 +309,3 @@ class _Rows:
         _, _, g_matrix = self.triad.unpack(x)
         rest = -np.einsum("ij,njk->nik", g_matrix, d_force) / self.sigma_static
         return np.vstack([turn.reshape(-1, 9), rest.reshape(-1, 9)])
-
-
-def mirrored(triad: Triad, fit: Estimate, signs: Array, sense: float) -> Estimate:
-    """The same fit in a frame whose axes are turned round.
-
-    Parameters
-    ----------
-    triad : Triad
-    fit : Estimate
-        Its first parameters are those of the triad.
-    signs : ndarray, shape (3,)
-        Of the new axes in the old frame.
-    sense : float
-        What an input vector is multiplied with besides: the product of the signs for rates (an axial vector), one for
-        specific force.
-
-    Notes
-    -----
-    Misalignments are ratios S_ij/S_ii (raw counts), so that they change sign with both axes.
-    """
-    factor = np.ones(fit.value.size)
-    factor[:3] = signs * sense
-    for m, (i, j) in enumerate(triad.pairs):
-        factor[3 + m] = signs[i] * signs[j]
-    if triad.g_sensitivity:
-        at = 6 + len(triad.pairs)
-        factor[at : at + 9] = np.tile(signs, 3)
-    return replace(
-        fit,
-        value=fit.value * factor,
-        covariance=fit.covariance * factor[:, None] * factor[None, :],
-        gain=fit.gain * factor[:, None],
-    )

@@ -3,15 +3,13 @@
 The static intervals are found, the accelerometers are calibrated in them by the norm of gravity as on a table
 (:mod:`.norm`), the gyros by gravity's turn from interval to interval (:mod:`.hand_gyros`).
 
-What a hand-turned log can know of signs: the accelerometers' common sign, never (gravity and its reaction look alike: an
-upward axis at rest is taken to read more than its bias). The rest follows from the rotations, of which every pattern of
-gyro signs has one explanation by a single cause: one gyro reversed, one accelerometer reversed (two gyros seem so), or the
-sense of rotation of all (three do).
+What a hand-turned log can know of signs: the sign common to all accelerometers, never (gravity and its reaction look
+alike: an upward axis at rest is taken to read more than its bias). The rest shows in the rotations: one gyro against the
+other two is reversed, all three are when the sense of rotation is wrong. Two reversed gyros cannot be told from one
+reversed accelerometer, and are refused.
 """
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 
@@ -24,9 +22,9 @@ from ..observe.saturation import refuse_saturated_motion
 from ..observe.static import THRESHOLD, StaticIntervals, static_intervals
 from ..plan import Plan, Segment
 from ..recording import Batch, Recording, from_arrays, sample_interval
-from ..sensors import AXES, Triad, signed_permutation
-from . import common, norm, sanity
-from .hand_gyros import GyroFit, calibrate_gyros, mirrored
+from ..sensors import Triad
+from . import common, norm
+from .hand_gyros import GyroFit, calibrate_gyros
 
 GRAVITY_SPREAD = 0.015
 """m/s^2, standard deviation of gravity over the Earth's surface (9.780 to 9.832, uniform): used when no site is given."""
@@ -76,14 +74,14 @@ def calibrate(
     assert triad is not None  # the recording has accelerometers
     remarks = [r for r in solution.case.remarks if "no turning segments" not in r]
     remarks.insert(0, f"{len(found.start)} static intervals found in {means.span[1] - means.span[0]:.0f} s")
+    remarks.append("all accelerometer gains are taken as positive: an upward axis at rest must read more than its bias")
     if site.gravity_uncertainty >= GRAVITY_SPREAD:
         remarks.append("no site given: standard gravity assumed, its spread over the Earth is in the scale factors")
     accel, gyro = solution.fit, None
     if batch.gyro is not None:
         up_rate = plan.earth_rate * np.sin(plan.latitude) if plan.latitude is not None else 0.0
         gyro = calibrate_gyros(batch, found, means, accel, triad, "gyro" in recording.counts, up_rate)
-        accel, gyro, said = _signs(accel, triad, gyro)
-        remarks += said
+        remarks += gyro.remarks
         if plan.latitude is None:
             remarks.append("no latitude given: the gyros' g-sensitivity contains the vertical Earth rate per g")
     return _report(recording, means, plan, accel, triad, gyro, remarks)
@@ -121,34 +119,6 @@ def _with_gravity(site: Plan | None) -> Plan:
     if site.gravity is None and site.latitude is None:
         return site.model_copy(update={"gravity": 9.80665, "gravity_uncertainty": GRAVITY_SPREAD})
     return site
-
-
-def _signs(accel: Estimate, triad: Triad, gyro: GyroFit) -> tuple[Estimate, GyroFit, list[str]]:
-    """Name what the gyros' signs say, and turn the frame round where one accelerometer is the cause."""
-    matrix, _, _ = gyro.triad.unpack(gyro.fit.value)
-    axes, signs = signed_permutation(matrix)
-    reversed_gyros = [i for i, s in enumerate(signs) if s < 0]
-    if axes != (0, 1, 2) or len(reversed_gyros) != 2:  # noqa: PLR2004
-        said = sanity.check_gyro_sense(matrix, gyro.triad.counts, "the accelerometers")
-        if not gyro.triad.counts:
-            sanity.check_scale("gyro", matrix)
-        return accel, gyro, said
-    axis = ({0, 1, 2} - set(reversed_gyros)).pop()
-    text = (
-        f"accel_{AXES[axis]} reads minus the specific force: the accelerometers form a left-handed set, which the "
-        f"rotations show (or gyros {' and '.join(AXES[i] for i in reversed_gyros)} are both reversed)"
-    )
-    if not triad.counts or not gyro.triad.counts:
-        raise DataError(f"{text}. Change the sign of the column")
-    flip = np.ones(3)
-    flip[axis] = -1.0
-    turned = replace(gyro, fit=mirrored(gyro.triad, gyro.fit, flip, -1.0))
-    k = len(triad.names)
-    change_gyro = np.sign(turned.fit.value * gyro.fit.value + 1e-300)
-    accel_turned = mirrored(triad, accel, flip, 1.0)
-    change_accel = np.sign(accel_turned.value[:k] * accel.value[:k] + 1e-300)
-    turned = replace(turned, cross=gyro.cross * change_gyro[:, None] * change_accel[None, :])
-    return accel_turned, turned, [f"{text}; its gain is reported negative"]
 
 
 def _report(

@@ -66,7 +66,7 @@ def find(means: SegmentMeans, plan: Plan, directions: Array) -> Estimate | None:
     settings = need_angles(means, "the mounting")
     static = np.array([s.outer_rate == 0 for s in means.segments])
     nominal = attitude(settings)[:, 2, :]
-    if np.linalg.svd(nominal, compute_uv=False)[1] < 0.1:  # noqa: PLR2004 - one direction leaves the turn about it open
+    if np.linalg.svd(nominal, compute_uv=False)[1] < 0.1:
         return None
     first = angles_of(wahba(nominal, directions).T)
     basis = tangents(directions)

@@ -14,8 +14,10 @@ the three mounting angles of b in k, and S_g full in b: the same nine numbers pe
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..calibration import Calibration, Scatter, named
 from ..errors import DataError
@@ -25,7 +27,7 @@ from ..observe.means import SegmentMeans
 from ..plan import Plan
 from ..recording import Recording
 from ..rigs.turntable import Site, TableErrors, attitude, averaging, mean_inputs
-from ..sensors import Triad
+from ..sensors import AXES, Triad, signed_permutation
 from . import common, mount, sanity
 
 _STEP = 1e-6  # rad, central differences of the rig's model: error 1e-12
@@ -73,15 +75,17 @@ def calibrate_means(
         sensors.remove("gyro")
     if not sensors:
         raise DataError("multi-position of gyros needs segments with outer_rate; the plan has none")
-    first = {}
+    first: dict[str, _Sensor] = {}
     for sensor in sensors:
         first[sensor] = _first(sensor, means, plan, site, angles, rates, remarks)
     if matrix == "triangular" and "accel" in first:
         problem: _Full | _Triangular = _Triangular(first, site.gravity, float(np.abs(rates).max()))
     else:
         problem = _Full(first, site.gravity, float(np.abs(rates).max()))
-    fit = estimate(problem.parameters(), problem.rows, means.names, noise_known=all(f.known for f in first.values()), robust=robust)
-    return _report(fit, first, means, plan, site, recording, remarks)
+    fit = estimate(
+        problem.parameters(), problem.rows, means.names, noise_known=all(f.known for f in first.values()), robust=robust
+    )
+    return _report(fit, means, plan, site, recording, remarks)
 
 
 @dataclass(frozen=True)
@@ -98,29 +102,74 @@ class _Sensor:
     known: bool
 
 
+class _Linear(NamedTuple):
+    """Unweighted solution of one triad: inputs in k (n, 3), which segments count, S and b in k."""
+
+    inputs: Array
+    used: NDArray[np.bool_]
+    matrix: Array
+    bias: Array
+
+
+def _linear(sensor: str, means: SegmentMeans, site: Site, angles: Array, rates: Array) -> _Linear:
+    inputs = mean_inputs(angles, rates, rates * means.interval, means.count, site)[0 if sensor == "accel" else 1]
+    # a lever arm would show in the accelerometers of turning segments
+    used = np.asarray(rates == 0) if sensor == "accel" else np.ones(len(rates), dtype=np.bool_)
+    if not used.any():
+        raise DataError("multi-position needs static segments for the accelerometers; all segments turn")
+    size = float(np.abs(inputs).max())
+    design = np.column_stack([inputs[used] / size, np.ones(used.sum())])
+    if np.linalg.matrix_rank(design, tol=1e-6 * np.linalg.norm(design)) < 4:
+        raise DataError(
+            f"the {used.sum()} segments do not excite all three {sensor} axes in both senses: scale, misalignment and bias "
+            "cannot be told apart. Add positions"
+        )
+    solution = np.linalg.lstsq(design, means.mean[sensor][used], rcond=None)[0]
+    return _Linear(inputs, used, solution[:3].T / size, solution[3])
+
+
+def closed_form(means: SegmentMeans, plan: Plan) -> dict[str, float]:
+    """The traditional unweighted solution, which trusts every setting: baseline of the comparison in [DONG18].
+
+    Parameters
+    ----------
+    means : SegmentMeans
+        With both triads, SI.
+    plan : Plan
+
+    Returns
+    -------
+    dict of str to float
+        Parameters as ``triangular`` names them, without uncertainties.
+    """
+    angles = common.need_angles(means, "multi-position")
+    site = common.site_of(plan, "the Earth rate on the gyros")
+    rates = np.array([s.outer_rate for s in means.segments])
+    accel, gyro = (_linear(s, means, site, angles, rates) for s in ("accel", "gyro"))
+    static = rates == 0
+    bias = gyro.bias
+    if static.any():  # angle errors times the table's rate would drown the bias in turning segments
+        bias = (means.mean["gyro"] - gyro.inputs @ gyro.matrix.T)[static].mean(axis=0)
+    to_b = _frame_of(accel.matrix)
+    first, second = Triad("accel"), Triad("gyro", full=True)
+    out = dict(zip(first.names, first.pack(accel.matrix @ to_b.T, accel.bias), strict=True))
+    out |= dict(zip(second.names, second.pack(gyro.matrix @ to_b.T, bias), strict=True))
+    return out | {f"rig.mount.{a}": v for a, v in zip("xyz", mount.angles_of(to_b.T), strict=True)}
+
+
+def _frame_of(matrix: Array) -> Array:
+    """C_k^b of the accelerometers' own frame: S_k = L C_k^b with L lower triangular, its diagonal of S_k's signs."""
+    q, r = np.linalg.qr(matrix.T)
+    return np.asarray((q * np.sign(np.diag(r) * np.diag(matrix))).T)
+
+
 def _first(
     sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Array, rates: Array, remarks: list[str]
 ) -> _Sensor:
     """Unweighted linear solution, then the whitening that follows from it."""
     counts = sensor in means.counts
-    turned = rates * means.interval
-    inputs = mean_inputs(angles, rates, turned, means.count, site)[0 if sensor == "accel" else 1]
-    if sensor == "accel":
-        inputs, used = inputs, rates == 0  # a lever arm would show in turning segments
-        if used.sum() == 0:
-            raise DataError("multi-position needs static segments for the accelerometers; all segments turn")
-    else:
-        used = np.ones(len(rates), dtype=bool)
+    inputs, used, matrix, bias = _linear(sensor, means, site, angles, rates)
     readings = means.mean[sensor]
-    size = float(np.abs(inputs).max())
-    design = np.column_stack([inputs[used] / size, np.ones(used.sum())])
-    if np.linalg.matrix_rank(design, tol=1e-6 * np.linalg.norm(design)) < 4:  # noqa: PLR2004 - three axes and bias
-        raise DataError(
-            f"the {used.sum()} segments do not excite all three {sensor} axes in both senses: scale, misalignment and bias "
-            "cannot be told apart. Add positions"
-        )
-    solution = np.linalg.lstsq(design, readings[used], rcond=None)[0]
-    matrix, bias = solution[:3].T / size, solution[3]
     if sensor == "gyro":
         remarks += sanity.check_gyro_sense(matrix, counts, "the plan's rates")
     else:
@@ -138,8 +187,6 @@ def _first(
 
 
 def _accel_sense(matrix: Array, counts: bool) -> list[str]:
-    from ..sensors import AXES, signed_permutation
-
     axes, signs = signed_permutation(matrix)
     if axes != (0, 1, 2):
         answers = ", ".join(f"accel_{AXES[i]} answers to {AXES[axes[i]]}" for i in range(3) if axes[i] != i)
@@ -199,8 +246,9 @@ def _axis_effects(which: int, angles: Array, rates: Array, turned: Array, count:
         to_enu = attitude(angles, errors)
         axis = attitude(angles, TableErrors((0.0, 0.0), errors.nonperpendicularity, errors.zero))[:, 2, :]
         if which == 0:
-            return site.gravity * (axis + left * (to_enu[:, 2, :] - axis))
-        return up_rate * axis + left * (np.einsum("nji,j->ni", to_enu, site.enu) - site.enu[2] * axis)
+            return np.asarray(site.gravity * (axis + left * (to_enu[:, 2, :] - axis)))
+        level = np.einsum("nji,j->ni", to_enu, site.enu) - site.enu[2] * axis
+        return np.asarray(up_rate * axis + left * level)
 
     out = []
     for k in range(7):
@@ -228,16 +276,16 @@ class _Full:
         return out
 
     def rows(self, x: Array) -> Rows:
-        residuals, jacobians, index, at = [], [], [], 0
+        out, at = _Stack(), 0
         for s, t in zip(self.sensors, self.triads, strict=True):
             k = len(t.names)
             matrix, bias, _ = t.unpack(x[at : at + k])
             d_matrix, d_bias, _ = t.derivatives(x[at : at + k])
             jac = np.zeros((s.readings.size, x.size))
             jac[:, at : at + k] = (np.einsum("kij,nj->nik", d_matrix, s.inputs) + d_bias.T).reshape(-1, k)
-            _append(s, s.inputs @ matrix.T + bias, jac, residuals, jacobians, index)
+            out.add(s, s.inputs @ matrix.T + bias, jac)
             at += k
-        return Rows(np.concatenate(residuals), np.vstack(jacobians), np.concatenate(index))
+        return out.rows()
 
 
 class _Triangular:
@@ -247,12 +295,7 @@ class _Triangular:
         self.sensors = list(sensors.values())
         self.triads = [Triad(s.kind, s.counts, full=s.kind == "gyro") for s in self.sensors]
         self.sizes = {"accel": gravity, "gyro": rate}
-        # S_k = L C_k^b: the rows of C are the orthonormalised rows of S_k
-        q, r = np.linalg.qr(self.sensors[0].matrix.T)
-        signs = np.sign(np.diag(r))
-        if np.linalg.det(q * signs) < 0:
-            signs = -signs
-        self.to_b = (q * signs).T
+        self.to_b = _frame_of(self.sensors[0].matrix)
         self.mount = mount.angles_of(self.to_b.T)
 
     def parameters(self) -> list[Parameter]:
@@ -261,10 +304,12 @@ class _Triangular:
             matrix = s.matrix @ self.to_b.T
             x, scales = t.pack(matrix, s.bias), t.scales(matrix, self.sizes[s.kind])
             out += [Parameter(n, u, float(v), c) for n, u, v, c in zip(t.names, t.units, x, scales, strict=True)]
-        return out + [Parameter(f"rig.mount.{a}", "rad", float(v), 0.01) for a, v in zip("xyz", self.mount, strict=True)]
+        return out + [
+            Parameter(f"rig.mount.{a}", "rad", float(v), 0.01) for a, v in zip("xyz", self.mount, strict=True)
+        ]
 
     def rows(self, x: Array) -> Rows:
-        residuals, jacobians, index, at = [], [], [], 0
+        out, at = _Stack(), 0
         to_b, d_mount = mount.matrix(x[-3:]).T, mount.derivatives(x[-3:])
         for s, t in zip(self.sensors, self.triads, strict=True):
             k = len(t.names)
@@ -274,30 +319,37 @@ class _Triangular:
             jac = np.zeros((s.readings.size, x.size))
             jac[:, at : at + k] = (np.einsum("kij,nj->nik", d_matrix, u) + d_bias.T).reshape(-1, k)
             jac[:, -3:] = np.einsum("ij,klj,nl->nik", matrix, d_mount, s.inputs).reshape(-1, 3)
-            _append(s, u @ matrix.T + bias, jac, residuals, jacobians, index)
+            out.add(s, u @ matrix.T + bias, jac)
             at += k
-        return Rows(np.concatenate(residuals), np.vstack(jacobians), np.concatenate(index))
+        return out.rows()
 
 
-def _append(
-    s: _Sensor, predicted: Array, jac: Array, residuals: list[Array], jacobians: list[Array], index: list[Array]
-) -> None:
-    used = np.any(s.weight != 0, axis=1)
-    residuals.append(s.weight[used] @ (s.readings - predicted).ravel())
-    jacobians.append(-s.weight[used] @ jac)
-    index.append(np.repeat(np.arange(len(s.readings)), 3)[used])
+class _Stack:
+    """Whitened rows of several sensors, one under the other."""
+
+    def __init__(self) -> None:
+        self.parts: list[Rows] = []
+
+    def add(self, s: _Sensor, predicted: Array, jac: Array) -> None:
+        """Append the rows of a sensor that count."""
+        used = np.any(s.weight != 0, axis=1)
+        index = np.repeat(np.arange(len(s.readings)), 3)[used]
+        self.parts.append(Rows(s.weight[used] @ (s.readings - predicted).ravel(), -s.weight[used] @ jac, index))
+
+    def rows(self) -> Rows:
+        """All of them."""
+        residual, jacobian, segment = zip(*self.parts, strict=True)
+        return Rows(np.concatenate(residual), np.vstack(jacobian), np.concatenate(segment))
 
 
 def _report(
     fit: Estimate,
-    sensors: dict[str, _Sensor],
     means: SegmentMeans,
     plan: Plan,
     site: Site,
     recording: Recording | None,
     remarks: list[str],
 ) -> Calibration:
-    del sensors
     order = list(range(len(fit.names)))
     residuals = {
         "all (in units of noise and table uncertainty)": Scatter(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..calibration import Calibration, Scatter, named
 from ..errors import DataError
@@ -110,11 +111,13 @@ class Case:
     remarks: list[str]
 
     @property
-    def turning(self) -> Array:
-        return self.rates != 0.0
+    def turning(self) -> NDArray[np.bool_]:
+        """Which segments turn."""
+        return np.asarray(self.rates != 0.0)
 
     @classmethod
     def of(cls, means: SegmentMeans, plan: Plan) -> Case:
+        """Gather what a plan and its means give."""
         rates = np.array([s.outer_rate for s in means.segments])
         has_accel = "accel" in means.mean
         has_gyro = "gyro" in means.mean and bool(rates.any())
@@ -161,7 +164,7 @@ class _Start:
     def _accel(self, case: Case) -> None:
         readings, counts = case.means.mean["accel"], "accel" in case.means.counts
         matrix, bias = quadric.fit(readings, np.full(len(readings), case.gravity), "accel")
-        a = unit(np.linalg.solve(matrix, (readings - bias).T).T)
+        a = unit(np.asarray(np.linalg.solve(matrix, (readings - bias).T).T))
         if case.nominal is not None:
             up = case.nominal[:, 2, :]
             signs, found = sanity.check_accel_sense(a, up, counts)
@@ -176,9 +179,9 @@ class _Start:
     def _north(self, case: Case) -> Array:
         """North in b from the settings, turned round where averaging turns it round; any direction without settings."""
         if self.to_b is None or case.nominal is None:
-            return np.roll(self.directions, 1, axis=1) + np.array([0.0, 0.0, 1e-3])
+            return np.asarray(np.roll(self.directions, 1, axis=1) + np.array([0.0, 0.0, 1e-3]))
         sign = np.where(case.left < 0, -1.0, 1.0)
-        return sign[:, None] * (case.nominal[:, 1, :] @ self.to_b.T)
+        return np.asarray(sign[:, None] * (case.nominal[:, 1, :] @ self.to_b.T))
 
     def _gyro_in_b(self, case: Case) -> None:
         """All nine elements of S_g and the bias, linear once the directions are known."""
@@ -190,7 +193,7 @@ class _Start:
             u = u + self.level[at][:, None] * across(self.north[at], a)
         size = np.abs(along).max()
         design = np.column_stack([u / size, np.ones(len(u))])
-        if np.linalg.matrix_rank(design, tol=1e-6 * np.linalg.norm(design)) < 4:  # noqa: PLR2004 - three axes and bias
+        if np.linalg.matrix_rank(design, tol=1e-6 * np.linalg.norm(design)) < 4:
             raise DataError(
                 f"the {at.sum()} turning segments do not spread over all three axes in both senses: gyro scale, "
                 "misalignment and bias cannot be told apart"
@@ -210,7 +213,7 @@ class _Start:
         matrix, bias = quadric.fit(readings[at], np.hypot(along, self.level[at]), "gyro")
         if not counts:
             sanity.check_scale("gyro", matrix)
-        self.directions = unit(np.linalg.solve(matrix, (readings - bias).T).T)
+        self.directions = unit(np.asarray(np.linalg.solve(matrix, (readings - bias).T).T))
         case.remarks.append("gyros alone: their frame has x along gyro x and y in the plane of gyros x and y")
         triad = Triad("gyro", counts)
         self.gyro = triad, triad.pack(matrix, bias)
@@ -229,10 +232,11 @@ def _model(case: Case, start: _Start) -> tuple[NormModel, bool]:
         known = known and noise.known
         case.remarks.extend(noise.remarks)
         sigma[sensor] = np.sqrt(case.means.variance(sensor, noise.density))
-    groups = []
-    for which in (np.flatnonzero(~case.turning), np.flatnonzero(case.turning)):
-        if which.size and (start.accel is not None or case.turning[which].all()):
-            groups.append(_group(case, start, sigma, which, known))
+    groups = [
+        _group(case, start, sigma, which, known)
+        for which in (np.flatnonzero(~case.turning), np.flatnonzero(case.turning))
+        if which.size and (start.accel is not None or case.turning[which].all())
+    ]
     both = any(g.accel is not None and g.gyro is not None for g in groups)
     model = NormModel(
         accel=start.accel[0] if start.accel else None,
@@ -248,7 +252,7 @@ def _model(case: Case, start: _Start) -> tuple[NormModel, bool]:
     return model, known
 
 
-def _group(case: Case, start: _Start, sigma: dict[str, Array], which: Array, known: bool) -> Group:
+def _group(case: Case, start: _Start, sigma: dict[str, Array], which: NDArray[np.intp], known: bool) -> Group:
     turning = bool(case.turning[which].all())
     n, a = which.size, start.directions[which]
     variances, lean, twist = [], np.zeros((n, 3, 2)), None

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..estimate import Rows, eliminate
 from ..frames import Array, cross, tangents, unit
@@ -36,7 +37,7 @@ NO_AZIMUTH = 1.8  # rad: standard deviation of an angle of which nothing is know
 class Group:
     """Segments of one kind (static or turning), n of them, m readings each."""
 
-    index: Array
+    index: NDArray[np.intp]
     accel: Array | None
     gyro: Array | None
     weight: Array
@@ -56,6 +57,7 @@ class Group:
 
     @property
     def readings(self) -> Array:
+        """Readings of both triads side by side, (n, m)."""
         return np.hstack([v for v in (self.accel, self.gyro) if v is not None])
 
 
@@ -118,7 +120,7 @@ class NormModel:
 
     def accel_readings(self, group: Group, x: Array, local: Local, full: bool) -> tuple[Array, Array, Array | None]:
         """Accelerometer readings (n, 3), derivative to a (n, 3, 3) and to the parameters (n, 3, k)."""
-        assert self.accel is not None  # noqa: S101 - called for groups with accelerometers
+        assert self.accel is not None
         p, a = self.split(x), local.a
         matrix, bias, _ = self.accel.unpack(p.accel)
         g = self.gravity * (1.0 + p.gravity_error)
@@ -144,7 +146,7 @@ class NormModel:
         self, group: Group, x: Array, local: Local, full: bool
     ) -> tuple[Array, Array, Array, Array | None]:
         """Gyro readings (n, 3), derivative to a (n, 3, 3), to the azimuth (n, 3), to the parameters (n, 3, k)."""
-        assert self.gyro is not None  # noqa: S101 - called for groups with gyros
+        assert self.gyro is not None
         p, a = self.split(x), local.a
         matrix, bias, _ = self.gyro.unpack(p.gyro)
         along = (group.rate * (1.0 + p.rate_error) + self.up_rate)[:, None]
@@ -208,7 +210,7 @@ class NormModel:
             step = -np.linalg.solve(back @ d, back @ r[..., None])[..., 0]
             moved = float(np.abs(d @ step[..., None]).max())
             a = unit(local.a + (tangents(local.a) @ step[:, :2, None])[..., 0])
-            local = Local(a, local.twist + step[:, 2] if step.shape[1] > 2 else local.twist)  # noqa: PLR2004
+            local = Local(a, local.twist + step[:, 2] if step.shape[1] > 2 else local.twist)
             if moved < 1e-8 or 0.3 * before < moved < 1e-3:  # no residual moves any more, or only rounding does
                 break
             before = moved
@@ -216,7 +218,7 @@ class NormModel:
 
     def _first_twist(self, group: Group, x: Array, local: Local) -> Local:
         """Azimuth of h read from the gyros, where the plan says nothing about it."""
-        assert self.gyro is not None and group.gyro is not None  # noqa: S101, PT018 - only such groups have an azimuth
+        assert self.gyro is not None and group.gyro is not None  # noqa: PT018 - only such groups have an azimuth
         matrix, bias, _ = self.gyro.unpack(self.split(x).gyro)
         w = np.linalg.solve(matrix, (group.gyro - bias).T).T
         ahead = across(group.north, local.a)
@@ -228,7 +230,7 @@ class NormModel:
         residuals, jacobians, index = [], [], []
         for group in self.groups:
             r, d_local, d_x = self.whitened(group, x, self.locals(group, x), full=True)
-            assert d_x is not None  # noqa: S101 - asked for
+            assert d_x is not None
             r, jac = eliminate(r, d_x, d_local)
             residuals.append(r.ravel())
             jacobians.append(jac.reshape(-1, x.size))

@@ -39,11 +39,13 @@ def check_scale(kind: str, matrix: Array) -> None:
     """
     gains = np.linalg.norm(matrix, axis=1)
     usual = float(np.median(gains))
-    if np.all(np.abs(gains - 1.0) < 0.4):  # noqa: PLR2004 - no calibrated instrument is 40 % off
+    if np.all(np.abs(gains - 1.0) < 0.4):
         return
     for ratio, text in _MISREAD[kind].items():
-        if abs(np.log(usual / ratio)) < 0.2:  # noqa: PLR2004 - within 20 % of a known mix-up
-            raise DataError(f"the {kind} gain is {usual:.4g} where 1 is expected: {text}. Correct the header or --units")
+        if abs(np.log(usual / ratio)) < 0.2:
+            raise DataError(
+                f"the {kind} gain is {usual:.4g} where 1 is expected: {text}. Correct the header or --units"
+            )
     shown = ", ".join(f"{kind}_{a} {v:.4g}" for a, v in zip(AXES, gains, strict=True))
     raise DataError(
         f"gains of {shown} where 1 is expected: check the unit, the plan's rates and angles, or pass raw samples as counts"
@@ -94,12 +96,13 @@ def check_accel_sense(measured: Array, nominal: Array, counts: bool) -> tuple[Ar
 
 def _turned_mount(turn: Array) -> list[str]:
     angle = float(np.degrees(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
-    if angle < 20.0:  # noqa: PLR2004 - no mounting error
+    if angle < 20.0:
         return []
-    return [
+    text = (
         f"the unit sits turned by {angle:.0f} deg against the table's case frame; if it did not, two axes have their signs "
         "reversed, columns are permuted, or the plan's angles are in another order"
-    ]
+    )
+    return [text]
 
 
 def check_gyro_sense(matrix: Array, counts: bool, against: str) -> list[str]:
@@ -126,18 +129,56 @@ def check_gyro_sense(matrix: Array, counts: bool, against: str) -> list[str]:
     """
     axes, signs = signed_permutation(matrix)
     if axes != (0, 1, 2):
-        answers = ", ".join(f"gyro_{AXES[i]} answers to rotation about {AXES[axes[i]]}" for i in range(3) if axes[i] != i)
-        raise DataError(f"the gyro columns are permuted against {against}: {answers}. Rename them with --map")
+        answers = ", ".join(
+            f"gyro_{AXES[i]} answers to rotation about {AXES[axes[i]]}" for i in range(3) if axes[i] != i
+        )
+        raise DataError(f"the gyro columns are permuted against {against}: {answers}. Rename columns with --map")
     negative = [f"gyro_{a}" for a, s in zip(AXES, signs, strict=True) if s < 0]
     if not negative:
         return []
-    if len(negative) == 3:  # noqa: PLR2004 - all axes
+    if len(negative) == 3:
         text = (
             f"wrong sense of rotation: all three gyros turn against {against} (gyro signs reversed, a left-handed set of "
-            "axes such as two swapped columns, or the rate's sign in the plan)"
+            f"axes such as two swapped columns{', or the sign of outer_rate' if 'plan' in against else ''})"
         )
     else:
         text = f"wrong sense of rotation: {', '.join(negative)} against {against}"
     if not counts:
         raise DataError(f"{text}. Change the sign of the columns or of the plan's rates")
     return [f"{text}; the gain is reported negative"]
+
+
+def check_hand_turned_sense(matrix: Array, counts: bool) -> list[str]:
+    """:func:`check_gyro_sense` against accelerometers whose gains were all taken as positive.
+
+    One accelerometer that reads minus the specific force makes the two gyros across it seem reversed.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (3, 3)
+        First S of the gyros in the accelerometers' frame.
+    counts : bool
+
+    Returns
+    -------
+    list of str
+        Remarks.
+
+    Raises
+    ------
+    DataError
+        Naming the permutation, the wrong sense, or both explanations where the data cannot choose.
+    """
+    axes, signs = signed_permutation(matrix)
+    negative = [i for i, s in enumerate(signs) if s < 0]
+    if axes == (0, 1, 2) and len(negative) == 2:
+        other = ({0, 1, 2} - set(negative)).pop()
+        raise DataError(
+            f"wrong sense of rotation: either accel_{AXES[other]} reads minus the specific force (at rest an upward axis must "
+            f"read more than its bias), or gyro_{AXES[negative[0]]} and gyro_{AXES[negative[1]]} are both reversed; the log "
+            "cannot tell which. Change the sign of the column or columns at fault"
+        )
+    remarks = check_gyro_sense(matrix, counts, "the accelerometers")
+    if not counts:
+        check_scale("gyro", matrix)
+    return remarks

@@ -297,16 +297,14 @@ def _gather(
 
 
 def _gap_remarks(gaps: list[tuple[float, float]], sums: list[_Sums]) -> list[str]:
-    inside = [
-        (p.segment.name, t, g) for t, g in gaps for p in sums if p.segment.start <= t and t + g <= p.segment.stop
-    ]
+    inside = [(p.segment.name, t, g) for t, g in gaps for p in sums if p.segment.start <= t and t + g <= p.segment.stop]
     return [f"gap of {g:.3g} s at {t:.6g} s in segment {name!r}: excluded" for name, t, g in inside[:20]]
 
 
 def _restless(found: list[tuple[_Sums, Array, int]], sensors: list[str], worth: Array) -> list[str]:
     """Segments whose own noise is far above that of the others (knocked, or not yet settled)."""
     usable = [(p, d) for p, d, n in found if n]
-    if len(usable) < 4:  # noqa: PLR2004 - nothing to compare with
+    if len(usable) < 4:
         return []
     axes = [a for s in sensors for a in SENSORS[s]]
     usual = np.median([d for _, d in usable], axis=0)

@@ -112,4 +112,4 @@ def _floor(values: Array, variance: Array) -> Array:
     tiny = np.maximum(tiny, np.where(np.isfinite(step), step, 0.0) ** 2 / 12.0)
     total = np.max(variance / np.maximum(low, tiny), axis=1)
     quietest = np.argpartition(total, int(_QUIET * (total.size - 1)))[: max(1, int(_QUIET * total.size))]
-    return np.maximum(np.median(variance[quietest], axis=0), tiny)
+    return np.asarray(np.maximum(np.median(variance[quietest], axis=0), tiny))

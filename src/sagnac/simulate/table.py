@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -44,7 +45,9 @@ def imperfect_table(
     """
     signs = rng.choice([-1.0, 1.0], 7) * axis
     errors = TableErrors(
-        (float(signs[0]), float(signs[1])), (float(signs[2]), float(signs[3])), (float(signs[4]), float(signs[5]), float(signs[6]))
+        (float(signs[0]), float(signs[1])),
+        (float(signs[2]), float(signs[3])),
+        (float(signs[4]), float(signs[5]), float(signs[6])),
     )
     return SimulatedTable(errors, rng.uniform(-setting, setting, (len(plan.segment), 3)))
 
@@ -126,7 +129,12 @@ def _move(time: Array, begin: tuple[float, Array, Array], end: tuple[float, Arra
         return np.zeros((0, 3)), np.zeros((0, 3))
     h = t1 - t0
     u = ((time - t0) / h)[:, None]
-    angle = (1 + 2 * u) * (1 - u) ** 2 * a0 + u * (1 - u) ** 2 * h * r0 + u * u * (3 - 2 * u) * a1 + u * u * (u - 1) * h * r1
+    angle = (
+        (1 + 2 * u) * (1 - u) ** 2 * a0
+        + u * (1 - u) ** 2 * h * r0
+        + u * u * (3 - 2 * u) * a1
+        + u * u * (u - 1) * h * r1
+    )
     rate = 6 * u * (u - 1) * (a0 - a1) / h + (1 - u) * (1 - 3 * u) * r0 + u * (3 * u - 2) * r1
     return angle, rate
 
@@ -171,7 +179,7 @@ def _pulses(values: Array, interval: float | None) -> Array:
     return np.diff(np.floor(np.cumsum(values * interval)), prepend=0.0)
 
 
-def write_recording(path: str, time: Array, samples: dict[str, Array], pulses: dict[str, str]) -> None:
+def write_recording(path: str | Path, time: Array, samples: dict[str, Array], pulses: dict[str, str]) -> None:
     """Write samples as a Parquet recording with units in its header."""
     import pyarrow as pa
     from pyarrow import parquet
@@ -183,6 +191,8 @@ def write_recording(path: str, time: Array, samples: dict[str, Array], pulses: d
         for i, axis in enumerate(SENSORS[sensor]):
             counted = axis in pulses or sensor in pulses
             values = samples[sensor][:, i]
-            columns[f"{axis} [{'pulse' if counted else unit_text}]"] = pa.array(values.astype(np.int32) if counted else values)
+            columns[f"{axis} [{'pulse' if counted else unit_text}]"] = pa.array(
+                values.astype(np.int32) if counted else values
+            )
     with write_atomically(path) as temporary:
         parquet.write_table(pa.table(columns), temporary)

@@ -55,7 +55,9 @@ class SimulatedUnit:
         return {k: float(v) for k, v in out.items()}
 
 
-def laser_gyro_unit(*, accel_density: float = 1e-5 * STANDARD_GRAVITY, gyro_density: float = 0.06 * _DEG_H) -> SimulatedUnit:
+def laser_gyro_unit(
+    *, accel_density: float = 1e-5 * STANDARD_GRAVITY, gyro_density: float = 0.06 * _DEG_H
+) -> SimulatedUnit:
     """The laser-gyro unit of [DONG18], table 1.
 
     Parameters

@@ -1,0 +1,26 @@
+"""The command line: each command is a thin shell over a function of the library."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from ..errors import SagnacError
+from .commands import app
+
+__all__ = ["app", "main"]
+
+
+def main() -> None:
+    """Run the command line; errors become one line and an exit status (2 bad input, 1 the data do not support it)."""
+    try:
+        app()
+    except SagnacError as error:
+        print(f"sagnac: {error}", file=sys.stderr)  # noqa: T201 - this is the terminal
+        sys.exit(error.exit_status)
+    except BrokenPipeError:  # the reader went away, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except KeyboardInterrupt:
+        print("sagnac: interrupted; nothing half-written is left behind", file=sys.stderr)  # noqa: T201
+        sys.exit(130)

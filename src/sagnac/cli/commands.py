@@ -1,0 +1,161 @@
+"""The commands. Heavy imports stand inside them, so that ``--help`` is quick."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .._version import __version__
+from . import options
+
+app = typer.Typer(
+    name="sagnac",
+    help="Calibrate inertial sensors and say how sure the result is.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+)
+
+
+class Method(StrEnum):
+    """Calibration methods."""
+
+    four_position = "four-position"
+    multi_position = "multi-position"
+    norm = "norm"
+
+
+class Matrix(StrEnum):
+    """Shape of the scale and misalignment matrix."""
+
+    full = "full"
+    triangular = "triangular"
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"sagnac {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command(epilog="Example: `sagnac demo --out sagnac-demo --seed 1`")
+def demo(
+    out: Annotated[Path, typer.Option("--out", help="Folder for recordings, results and plots.")] = Path("sagnac-demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Of the simulation.")] = 1,
+) -> None:
+    """Run the main job end to end on a simulated laser-gyro unit."""
+    from ..demo import run
+
+    run(out, seed=seed, say=typer.echo)
+
+
+@app.command(
+    epilog="Example: `sagnac calibrate norm recording.csv --plan plan.toml --out cal.json`, or for a unit turned by hand: "
+    "`sagnac calibrate norm log.csv --gravity '9.81744 m/s^2' --out cal.json`"
+)
+def calibrate(
+    method: Annotated[Method, typer.Argument(help="How.", metavar="METHOD")],
+    recording: options.RecordingFile,
+    plan: options.PlanFile = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Calibration file to write (JSON).")] = None,
+    units: options.Units = None,
+    scale: options.Scale = None,
+    names: options.Map = None,
+    gravity: options.Gravity = None,
+    latitude: options.Latitude = None,
+    height: options.Height = None,
+    matrix: Annotated[
+        Matrix, typer.Option(help="Multi-position: in the table's frame, or the triad's own.")
+    ] = Matrix.full,
+    robust: Annotated[bool, typer.Option("--robust", help="Turn down segments that disagree with the rest.")] = False,
+    static_threshold: options.Threshold = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw the log with its segments or static intervals (PNG, SVG, PDF).")
+    ] = None,
+    as_json: options.Json = False,
+) -> None:
+    """Calibrate a unit from a recording.
+
+    METHOD is four-position, multi-position or norm; norm without segments in the plan is for a unit turned by hand.
+    """
+    from ..calibrate import calibrate as run
+
+    done = options.plan_with(plan, gravity, latitude, height)
+    opened = options.open_with(recording, done, units, scale, names)
+    if method is Method.norm and (done is None or not done.segment) and "gyro" in opened.has:
+        from .terminal import announce_compilation
+
+        announce_compilation()
+    result = run(method.value, opened, done, matrix=matrix.value, robust=robust, threshold=static_threshold)
+    if out is not None:
+        result.save(out)
+    if plot is not None:
+        from ..report.plots import draw_log
+
+        draw_log(opened, done, plot, static_threshold)
+    typer.echo(result.to_json() if as_json else result.summary(), nl=False)
+
+
+@app.command(epilog="Example: `sagnac apply cal.json recording.csv --out compensated.parquet`")
+def apply(
+    calibration: Annotated[Path, typer.Argument(help="Calibration file (JSON).", metavar="CAL.JSON")],
+    recording: options.RecordingFile,
+    out: Annotated[Path, typer.Option("--out", help="Compensated recording to write (.parquet or .csv).")],
+    plan: options.PlanFile = None,
+    units: options.Units = None,
+    scale: options.Scale = None,
+    names: options.Map = None,
+    as_json: options.Json = False,
+) -> None:
+    """Compensate a recording: readings in, specific force and angular rate out."""
+    from ..calibration import load
+    from ..compensation import apply as run
+    from .terminal import counting
+
+    model = load(calibration)
+    opened = options.open_with(recording, options.plan_with(plan, None, None, None), units, scale, names, model)
+    with counting(f"compensating {recording.name}") as progress:
+        rows = run(model, opened, out, progress=progress)
+    typer.echo(json.dumps({"out": str(out), "samples": rows}) if as_json else f"{out}: {rows} samples")
+
+
+@app.command(epilog="Example: `sagnac verify cal.json check.csv --plan check.toml`")
+def verify(
+    calibration: Annotated[Path, typer.Argument(help="Calibration file (JSON).", metavar="CAL.JSON")],
+    recording: options.RecordingFile,
+    plan: options.PlanFile = None,
+    units: options.Units = None,
+    scale: options.Scale = None,
+    names: options.Map = None,
+    gravity: options.Gravity = None,
+    latitude: options.Latitude = None,
+    height: options.Height = None,
+    static_threshold: options.Threshold = None,
+    as_json: options.Json = False,
+) -> None:
+    """Check a calibration on a recording that its fit has not seen; exit status 1 when it fails."""
+    from ..calibration import load
+    from ..observe.static import THRESHOLD
+    from ..verification import verify as run
+
+    done = options.plan_with(plan, gravity, latitude, height)
+    model = load(calibration)
+    opened = options.open_with(recording, done, units, scale, names, model)
+    outcome = run(model, opened, done, threshold=static_threshold or THRESHOLD)
+    typer.echo(json.dumps(outcome.to_dict(), indent=1) if as_json else outcome.summary())
+    if not outcome.passed:
+        raise typer.Exit(1)

@@ -1,0 +1,89 @@
+"""Options that several commands share, and how their texts are read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
+    from ..plan import Plan
+    from ..recording import Recording
+
+RecordingFile = Annotated[Path, typer.Argument(help="CSV or Parquet recording.", metavar="RECORDING")]
+PlanFile = Annotated[Path | None, typer.Option("--plan", help="What was done with the unit (TOML).")]
+Units = Annotated[
+    str | None,
+    typer.Option("--units", help="Units of columns that name none: accel=g,gyro=deg/s,time=s", metavar="TEXT"),
+]
+Scale = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--scale",
+        help="Nominal scale of count or pulse columns, once a sensor or axis: gyro=1.1866pulse/arcsec",
+        metavar="TEXT",
+    ),
+]
+Map = Annotated[str | None, typer.Option("--map", help="Other column names: accel_x=AX,accel_y=AY,...", metavar="TEXT")]
+Gravity = Annotated[str | None, typer.Option(help="Measured gravity of the site: '9.81744 m/s^2'.", metavar="TEXT")]
+Latitude = Annotated[str | None, typer.Option(help="Latitude of the site: '48.1 deg'.", metavar="TEXT")]
+Height = Annotated[str | None, typer.Option(help="Height of the site: '500 m'.", metavar="TEXT")]
+Threshold = Annotated[
+    float | None,
+    typer.Option(
+        help="Hand-turned units: variance, over that of the quietest windows, up to which a window is static."
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for machines.")]
+
+
+def pairs(text: str | None, option: str) -> dict[str, str]:
+    """``a=b,c=d`` as a table.
+
+    Raises
+    ------
+    InputError
+        When a part has no equals sign.
+    """
+    out = {}
+    for part in (text or "").split(","):
+        if not part.strip():
+            continue
+        name, equals, value = part.partition("=")
+        if not equals or not name.strip() or not value.strip():
+            raise InputError(f"{option} {text!r}: write name=value pairs with commas between, not {part.strip()!r}")
+        out[name.strip()] = value.strip()
+    return out
+
+
+def open_with(
+    path: Path,
+    plan: Plan | None,
+    units: str | None,
+    scale: list[str] | None,
+    names: str | None,
+    calibration: Calibration | None = None,
+) -> Recording:
+    """The recording with the nominal scale of the calibration, the plan and the options, the last one counting."""
+    from ..recording import open_recording
+
+    given = dict(calibration.unit.scale) if calibration is not None else {}
+    given |= plan.unit.scale if plan is not None else {}
+    for text in scale or []:
+        given |= pairs(text, "--scale")
+    return open_recording(path, units_of=pairs(units, "--units"), scale=given, rename=pairs(names, "--map"))
+
+
+def plan_with(path: Path | None, gravity: str | None, latitude: str | None, height: str | None) -> Plan | None:
+    """The plan, with site options laid over it; None when there is neither."""
+    from .. import plan as plans
+
+    site = {k: v for k, v in (("gravity", gravity), ("latitude", latitude), ("height", height)) if v is not None}
+    if path is None:
+        return plans.from_table(site, "site options") if site else None
+    plan = plans.load(path)
+    return plan.model_copy(update={k: getattr(plans.from_table(site, "site options"), k) for k in site})

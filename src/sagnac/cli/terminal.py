@@ -1,0 +1,46 @@
+"""What the terminal sees besides results: progress, and why a first call takes longer."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+def note(text: str) -> None:
+    """A line for the person, not for the pipe."""
+    print(text, file=sys.stderr)  # noqa: T201 - this is the terminal
+
+
+def announce_compilation() -> None:
+    """Say that kernels are being compiled, when they are."""
+    from ..kernels import is_cold
+    from ..kernels.rotation import integrate
+
+    if is_cold(integrate):
+        note("compiling the rotation kernel (a few seconds, once on this machine) ...")
+
+
+@contextmanager
+def counting(what: str) -> Iterator[Callable[[int], None]]:
+    """Progress of a stream of samples: a bar on a terminal, one line at the end otherwise."""
+    last = 0
+    if not sys.stderr.isatty():
+
+        def remember(rows: int) -> None:
+            nonlocal last
+            last = rows
+
+        yield remember
+        note(f"{what}: {last} samples")
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn(what), BarColumn(), TextColumn("{task.completed} samples"), TimeElapsedColumn(), console=console
+    ) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda rows: bar.update(task, completed=rows)
+        bar.update(task, total=bar.tasks[0].completed)

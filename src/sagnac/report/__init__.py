@@ -1,0 +1,1 @@
+"""Pictures of results (matplotlib, loaded on use)."""
