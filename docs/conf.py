@@ -26,6 +26,7 @@ autodoc_typehints = "none"  # the docstrings tell types, shapes and units
 napoleon_google_docstring = False
 napoleon_numpy_docstring = True
 napoleon_use_rtype = False
+napoleon_use_ivar = True  # one description of a field, not two
 
 html_theme = "furo"
 html_title = f"Sagnac {release}"

@@ -154,9 +154,26 @@ class Calibration(_Record):
             raise ValueError("a parameter stands twice")
         for i, p in enumerate(self.parameters):
             variance = self.covariance[i][i]
-            if not math.isclose(math.sqrt(max(variance, 0.0)), p.standard_uncertainty, rel_tol=1e-6, abs_tol=1e-300):
+            sigma = math.sqrt(variance) if variance >= 0 else math.nan
+            if not math.isclose(sigma, p.standard_uncertainty, rel_tol=1e-6, abs_tol=1e-150):
                 raise ValueError(f"the covariance of {p.name} does not agree with its standard uncertainty")
+        self._correlated(names)
+        for what, values in (
+            *((line.source, line.standard_uncertainty) for line in self.budget),
+            *((kind, getattr(self.fit, kind)) for kind in ("white", "cluster", "delete_one")),
+        ):
+            if values is not None and len(values) != n:
+                raise ValueError(f"{what!r} gives {len(values)} standard uncertainties for {n} parameters")
         return self
+
+    def _correlated(self, names: Sequence[str]) -> None:
+        """Refuse a covariance that is not symmetric or correlates more than fully."""
+        for i, row in enumerate(self.covariance):
+            for j in range(i):
+                bound = math.sqrt(row[i]) * math.sqrt(self.covariance[j][j])
+                both = row[j], self.covariance[j][i]
+                if abs(both[0] - both[1]) > 1e-9 * bound + 1e-300 or abs(row[j]) > (1 + 1e-6) * bound + 1e-300:
+                    raise ValueError(f"the covariance of {names[i]} and {names[j]} is not that of two quantities")
 
     def values(self) -> dict[str, float]:
         """Parameter values by name, SI or counts."""
@@ -215,7 +232,7 @@ def load(path: str | Path) -> Calibration:
         When the file cannot be read, is no calibration, or is of a version that this one does not know.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as cause:
         raise InputError(f"{path}: cannot read the calibration: {cause}") from cause
     return loads(text, str(path))
@@ -282,7 +299,9 @@ def _fit_lines(cal: Calibration) -> list[str]:
         "scaled": "uncertainties scaled by the scatter of the residuals",
         "delete-one-segment": "segments scatter more than their noise; uncertainties are from leaving out one at a time",
     }
-    lines.append(f"  uncertainty: {fit.uncertainty} ({meaning.get(fit.uncertainty, '')})")
+    lines += [
+        f"  uncertainty: {used} ({meaning.get(used, 'see the documentation')})" for used in fit.uncertainty.split(" / ")
+    ]
     for kind, scatter in fit.residuals.items():
         unit = f" {scatter.unit}" if scatter.unit else ""
         lines.append(f"  residual {kind}: {scatter.rms:.4g}{unit} rms over {scatter.count}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from .calibration import Calibration
 from .errors import DataError, InputError
 from .files import write_atomically
-from .recording import SENSORS, Batch, Recording
+from .recording import SENSORS, Batch, Recording, header_parts
 from .sensors import Correction, correction, invert
 
 _UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
@@ -129,6 +129,12 @@ def _writer(path: Path, schema: Any) -> Any:
     return parquet.ParquetWriter(path, schema)
 
 
+def _free(name: str, taken: Collection[str]) -> str:
+    """Name of a column that is passed on; one that would read as a column written here is marked as the input's."""
+    own = {header_parts(t)[0] for t in taken}
+    return f"input {name}" if header_parts(name)[0] in own else name
+
+
 def _table(batch: Batch, values: dict[str, np.ndarray], recording: Recording) -> Any:
     import pyarrow as pa
 
@@ -143,5 +149,6 @@ def _table(batch: Batch, values: dict[str, np.ndarray], recording: Recording) ->
     for name, column in batch.rig.items():
         columns[f"{name} [{_RIG_UNITS.get(name, 'rad')}]"] = column
     if batch.other is not None:
-        columns.update({n: batch.other.column(i) for i, n in enumerate(batch.other.schema.names)})
+        for i, name in enumerate(batch.other.schema.names):
+            columns[_free(name, columns)] = batch.other.column(i)
     return pa.RecordBatch.from_pydict(columns)

@@ -276,7 +276,9 @@ def estimate(
     iterations = 0
     for _ in range(20 if robust else 1):
         weighted = _weighted(model, weights)
-        x, used = _gauss_newton(parameters, weighted, x, max_iterations)
+        x, used, settled = _gauss_newton(parameters, weighted, x, max_iterations)
+        if not settled:
+            raise DataError(f"the fit did not settle in {used} iterations: no result is better than a wrong one")
         iterations += used
         previous, weights = weights, _huber(model(x), len(segments)) if robust else weights
         if np.allclose(previous, weights, atol=1e-3):
@@ -284,6 +286,25 @@ def estimate(
     return _judge(
         parameters, _weighted(model, weights)(x), x, segments, weights, noise_known and not robust, iterations
     )
+
+
+def settle(parameters: Sequence[Parameter], model: Model, *, max_iterations: int = 15) -> tuple[Parameter, ...]:
+    """Better start values from a simpler model of the same parameters, without judging them.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+    model : callable
+        See :func:`estimate`.
+    max_iterations : int
+
+    Returns
+    -------
+    tuple of Parameter
+        The same with new start values.
+    """
+    x, _, _ = _gauss_newton(parameters, model, np.array([p.start for p in parameters]), max_iterations)
+    return tuple(replace(p, start=float(v)) for p, v in zip(parameters, x, strict=True))
 
 
 def _remembering(model: Model) -> Model:
@@ -332,20 +353,22 @@ def _stacked(parameters: Sequence[Parameter], rows: Rows, x: Array) -> tuple[Arr
     return np.concatenate([rows.residual, prior_r]), np.vstack([rows.jacobian, prior_j])
 
 
-def _refuse_unseen(parameters: Sequence[Parameter], rows: Rows) -> None:
+def _refuse_unseen(parameters: Sequence[Parameter], rows: Rows) -> float:
+    """Condition of the problem at these rows; refused when a combination does not show in them at all."""
     _, jac = _stacked(parameters, rows, np.array([p.start for p in parameters]))
     if not np.all(np.isfinite(jac)):
         raise DataError("the start values make no sense of these data: the model is not finite there")
     scale = np.array([p.scale for p in parameters])
-    _, unseen = null_space(jac * scale, [p.name for p in parameters])
+    condition, unseen = null_space(jac * scale, [p.name for p in parameters])
     if unseen:
         raise DataError(
             f"the data cannot tell these apart (a change along each leaves every reading as it is): {'; '.join(unseen)}. "
             "Add positions or rates that excite them."
         )
+    return condition
 
 
-def _gauss_newton(parameters: Sequence[Parameter], model: Model, x: Array, limit: int) -> tuple[Array, int]:
+def _gauss_newton(parameters: Sequence[Parameter], model: Model, x: Array, limit: int) -> tuple[Array, int, bool]:
     """Gauss-Newton with step halving; stops when a step moves no residual and no parameter any more."""
     scale = np.array([p.scale for p in parameters])
     r, jac = _stacked(parameters, model(x), x)
@@ -361,20 +384,18 @@ def _gauss_newton(parameters: Sequence[Parameter], model: Model, x: Array, limit
                 break
             fraction /= 2
         else:
-            return x, _settled_or_refused(jac, step, r, iteration)
+            return x, iteration, _at_the_bottom(jac, step, r)
         moved, size = float(np.linalg.norm(jac @ step)), max(1.0, float(np.sqrt(cost)))
         x, r, jac = trial, new_r, new_jac
         if moved < 1e-9 * size or 0.5 * before < moved < 1e-5 * size:  # nothing moves any more, or only rounding does
-            return x, iteration
+            return x, iteration, True
         before = moved
-    raise DataError(f"the fit did not settle in {limit} iterations: no result is better than a wrong one")
+    return x, limit, False
 
 
-def _settled_or_refused(jac: Array, step: Array, r: Array, iteration: int) -> int:
-    """No fraction of the step lowers the cost: fine at the bottom, an error elsewhere."""
-    if float(np.linalg.norm(jac @ step)) < 1e-4 * max(1.0, float(np.linalg.norm(r))):
-        return iteration
-    raise DataError("the fit stopped on a slope: the model does not describe these data")
+def _at_the_bottom(jac: Array, step: Array, r: Array) -> bool:
+    """Whether a step of which no fraction lowers the cost is only rounding; on a slope the model does not describe the data."""
+    return float(np.linalg.norm(jac @ step)) < 1e-4 * max(1.0, float(np.linalg.norm(r)))
 
 
 def _judge(
@@ -391,7 +412,7 @@ def _judge(
     _, jac = _stacked(parameters, rows, x)
     scale = np.array([p.scale for p in parameters])
     names = [p.name for p in parameters]
-    condition, _ = null_space(jac * scale, names)
+    condition = _refuse_unseen(parameters, rows)
     _, values, right = np.linalg.svd(jac * scale, full_matrices=False)
     half = right.T / values * scale[:, None]
     white = half @ half.T

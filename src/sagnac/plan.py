@@ -7,13 +7,24 @@ and reading it back gives an equal plan.
 from __future__ import annotations
 
 import math
+import re
+import sys
 import tomllib
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
 
 from . import earth, units
 from .errors import InputError
@@ -35,6 +46,10 @@ def _reader(kind: str) -> Callable[[Any, ValidationInfo], float]:
                 raise ValueError(str(cause)) from cause
         from_file = bool(info.context and info.context.get("file"))
         if isinstance(value, int | float) and not isinstance(value, bool) and (kind == "ratio" or not from_file):
+            if not abs(value) <= sys.float_info.max:
+                raise ValueError(
+                    f"{value:.3g} is not finite" if isinstance(value, float) else "the number is too large"
+                )
             return float(value)  # in Python, SI
         raise ValueError(f"write it as a text with its unit, for example {units.KINDS[kind][1]!r}; got {value!r}")
 
@@ -70,6 +85,20 @@ GSquared = Annotated[
 Triple = tuple[Quadratic, Quadratic, Quadratic]
 
 
+def _not_negative(value: float) -> float:
+    if value < 0:
+        raise ValueError(f"{value:g} is negative; an uncertainty, bound or noise is a size")
+    return value
+
+
+_SIZE = AfterValidator(_not_negative)
+
+
+# texts and comments, in which a semicolon parts nothing, or else a semicolon
+_TEXTS = (r'"""(?:\\.|[^\\])*?"""', r"'''.*?'''", r'"(?:\\.|[^"\\\n])*"', r"'[^'\n]*'", r"#[^\n]*")
+_SEMICOLON = re.compile("|".join([*_TEXTS, r";[ \t]*"]), re.DOTALL)
+
+
 class _Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -77,18 +106,18 @@ class _Record(BaseModel):
 class Noise(_Record):
     """White noise of the sensors: density per sqrt(Hz), so that a mean over T seconds has density^2 / T."""
 
-    accel: AccelDensity | None = None
-    gyro: GyroDensity | None = None
+    accel: Annotated[AccelDensity, _SIZE] | None = None
+    gyro: Annotated[GyroDensity, _SIZE] | None = None
 
 
 class Limits(_Record):
     """Bounds (one sigma) of what a method cannot see; they go into its uncertainty budget."""
 
-    accel_k2: Quadratic | None = None
-    gyro_g_squared: GSquared | None = None
-    accel_drift: Acceleration | None = None
+    accel_k2: Annotated[Quadratic, _SIZE] | None = None
+    gyro_g_squared: Annotated[GSquared, _SIZE] | None = None
+    accel_drift: Annotated[Acceleration, _SIZE] | None = None
     """Change of an accelerometer bias over the whole test."""
-    gyro_drift: Rate | None = None
+    gyro_drift: Annotated[Rate, _SIZE] | None = None
 
 
 class Unit(_Record):
@@ -108,9 +137,9 @@ class Rig(_Record):
     """The rig and how far its settings can be trusted (one sigma)."""
 
     kind: Literal["turntable"] = "turntable"
-    angle_uncertainty: Angle = 0.0
-    axis_uncertainty: Angle = 0.0
-    rate_uncertainty: Ratio = 0.0
+    angle_uncertainty: Annotated[Angle, _SIZE] = 0.0
+    axis_uncertainty: Annotated[Angle, _SIZE] = 0.0
+    rate_uncertainty: Annotated[Ratio, _SIZE] = 0.0
     """Relative error of the rate, common to all segments."""
 
 
@@ -148,7 +177,7 @@ class Plan(_Record):
     latitude: Angle | None = None
     height: Length = 0.0
     gravity: Acceleration | None = None
-    gravity_uncertainty: Acceleration = 0.0
+    gravity_uncertainty: Annotated[Acceleration, _SIZE] = 0.0
     earth_rate: Rate = earth.EARTH_RATE
     unit: Unit = Unit()
     rig: Rig = Rig()
@@ -220,10 +249,19 @@ def load(path: str | Path) -> Plan:
         With the key at fault and what to write instead.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
-        table = tomllib.loads(_one_key_a_line(text))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as cause:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as cause:
         raise InputError(f"{path}: cannot read the plan: {cause}") from cause
+    lines, origin = _one_key_a_line(text)
+    try:
+        table = tomllib.loads(lines)
+    except tomllib.TOMLDecodeError as cause:
+        said = re.sub(r"at line (\d+), column \d+", lambda m: f"at line {origin[int(m[1]) - 1]}", str(cause))
+        raise InputError(f"{path}: cannot read the plan: {said}") from cause
+    except ValueError as cause:  # a number with thousands of digits
+        raise InputError(f"{path}: cannot read the plan: {cause}") from cause
+    except RecursionError as cause:
+        raise InputError(f"{path}: cannot read the plan: its brackets are nested too deeply") from cause
     return from_table(table, str(path))
 
 
@@ -236,24 +274,20 @@ def from_table(table: dict[str, Any], source: str = "plan") -> Plan:
         raise InputError(f"{source}: " + "; ".join(problems)) from cause
 
 
-def _one_key_a_line(text: str) -> str:
-    """TOML with semicolons between keys turned into lines (TOML itself has no such separator; people write it)."""
-    out = []
-    for line in text.splitlines():
-        quote, cut = "", []
-        for i, char in enumerate(line):
-            if quote:
-                quote = "" if char == quote and line[i - 1] != "\\" else quote
-            elif char in "\"'":
-                quote = char
-            elif char == "#":
-                break
-            elif char == ";":
-                cut.append(i)
-        for i in reversed(cut):
-            line = line[:i] + "\n" + line[i + 1 :].lstrip()  # noqa: PLW2901 - cut from the right, places stay true
-        out.append(line)
-    return "\n".join(out)
+def _one_key_a_line(text: str) -> tuple[str, list[int]]:
+    """TOML with semicolons between keys turned into lines (TOML itself has no such separator; people write it).
+
+    Returns
+    -------
+    text : str
+    origin : list of int
+        Line that each line of `text` had before, counted from one.
+    """
+    cut = _SEMICOLON.sub(lambda m: "\0" if m[0][0] == ";" else m[0], text.replace("\0", "\ufffd"))
+    origin = [1]
+    for end in re.findall("[\n\0]", cut):
+        origin.append(origin[-1] + (end == "\n"))
+    return cut.replace("\0", "\n"), origin
 
 
 def _where(location: tuple[int | str, ...], table: dict[str, Any]) -> str:

@@ -36,7 +36,7 @@ _KIND = {
     "temperature": "temperature",
 }
 _NAMES = ("time", *SENSORS["accel"], *SENSORS["gyro"], "outer", "middle", "inner", "arm", "encoder", "temperature")
-_HEADER = re.compile(r"\s*(.*?)\s*(?:\[([^\[\]]*)\])?\s*")
+_HEADER = re.compile(r"([^\[\]]*)\[([^\[\]]*)\]\s*")
 GAP = 1.5
 """A step of more than this many sample intervals is a gap."""
 
@@ -174,19 +174,31 @@ def from_arrays(
     InputError
         When shapes do not agree.
     """
-    t = np.ascontiguousarray(time, dtype=float)
+    t = _numbers(time, f"{name}: time")
+    if t.ndim != 1:
+        raise InputError(f"{name}: time has shape {t.shape}, not (n,)")
     data: dict[str, Array] = {}
     for sensor, values in (("accel", accel), ("gyro", gyro)):
         if values is not None:
-            data[sensor] = np.ascontiguousarray(values, dtype=float)
+            data[sensor] = _numbers(values, f"{name}: {sensor}")
             if data[sensor].shape != (t.size, 3):
                 raise InputError(f"{name}: {sensor} has shape {data[sensor].shape}, time has {t.size} samples")
-    columns = {k: np.asarray(v, dtype=float) for k, v in (rig or {}).items()}
+    columns = {k: _numbers(v, f"{name}: {k}") for k, v in (rig or {}).items()}
+    for column, values in columns.items():
+        if values.shape != t.shape:
+            raise InputError(f"{name}: {column} has shape {values.shape}, time has {t.size} samples")
 
     def stream(_: bool) -> Iterator[Batch]:
         yield Batch(1, t, data.get("accel"), data.get("gyro"), columns)
 
     return Recording(name, None, frozenset(counts), frozenset(data), frozenset(), (), {}, stream)
+
+
+def _numbers(values: ArrayLike, what: str) -> Array:
+    try:
+        return np.ascontiguousarray(values, dtype=float)
+    except (TypeError, ValueError) as cause:
+        raise InputError(f"{what}: cannot read as numbers: {cause}") from cause
 
 
 def open_recording(
@@ -218,6 +230,8 @@ def open_recording(
         When a column has no unit, an unknown one or one of the wrong kind, when a needed column is missing, or the
         file cannot be read.
     """
+    for option, given in (("units", units_of or {}), ("scale", scale or {})):
+        _refuse_unknown(option, given)
     table = formats.open_table(path)
     path = Path(path)
     headers = _headers(table.columns, rename or {}, path)
@@ -252,23 +266,50 @@ def open_recording(
 
 def _headers(columns: tuple[str, ...], rename: Mapping[str, str], path: Path) -> dict[str, tuple[str, str | None]]:
     """Standard name -> (column, unit text)."""
-    parsed = {}
-    for column in columns:
-        match = _HEADER.fullmatch(column)
-        parsed[column] = (match[1], match[2]) if match else (column, None)
+    parsed = {column: header_parts(column) for column in columns}
     out: dict[str, tuple[str, str | None]] = {}
+    owner: dict[str, str] = {}
     for name, own in rename.items():
-        if name not in _NAMES:
-            raise InputError(f"--map {name}={own}: {name!r} is no standard name ({', '.join(_NAMES)})")
-        found = [c for c, (bare, _) in parsed.items() if own in (c, bare)]
-        if not found:
-            raise InputError(f"--map {name}={own}: {path} has no column {own!r}; it has: {', '.join(columns)}")
-        out[name] = (found[0], parsed[found[0]][1])
-    taken = {column for column, _ in out.values()}
+        column = _renamed(name, own, parsed, path)
+        if column in owner:
+            raise InputError(f"--map {name}={own}: the column {column!r} of {path} is {owner[column]} already")
+        owner[column] = name
+        out[name] = (column, parsed[column][1])
     for column, (bare, unit_text) in parsed.items():
-        if bare in _NAMES and bare not in out and column not in taken:
-            out[bare] = (column, unit_text)
+        if bare not in _NAMES or bare in rename or column in owner:
+            continue
+        if bare in out:
+            raise InputError(
+                f"{path}: the columns {out[bare][0]!r} and {column!r} are both {bare}; "
+                f"say which one counts with --map '{bare}={column}'"
+            )
+        out[bare] = (column, unit_text)
     return out
+
+
+def header_parts(column: str) -> tuple[str, str | None]:
+    """Name and unit text of a header, ``accel_x [g]``; the unit is None when there are no brackets at its end."""
+    match = _HEADER.fullmatch(column)
+    return (match[1].strip(), match[2].strip()) if match else (column.strip(), None)
+
+
+def _renamed(name: str, own: str, parsed: Mapping[str, tuple[str, str | None]], path: Path) -> str:
+    """The column that a ``--map`` pair means."""
+    if name not in _NAMES:
+        raise InputError(f"--map {name}={own}: {name!r} is no standard name ({', '.join(_NAMES)})")
+    found = [own] if own in parsed else [c for c, (bare, _) in parsed.items() if bare == own]
+    if not found:
+        raise InputError(f"--map {name}={own}: {path} has no column {own!r}; it has: {', '.join(parsed)}")
+    if len(found) > 1:
+        raise InputError(f"--map {name}={own}: {path} has several such columns: {', '.join(found)}; write one in full")
+    return found[0]
+
+
+def _refuse_unknown(option: str, given: Mapping[str, str]) -> None:
+    known = {*SENSORS, *_NAMES} if option == "units" else {*SENSORS, *SENSORS["accel"], *SENSORS["gyro"]}
+    for name in given:
+        if name not in known:
+            raise InputError(f"{option}: {name}={given[name]}: {name!r} is none of {', '.join(sorted(known))}")
 
 
 def _lookup(table: Mapping[str, str], name: str) -> str | None:
@@ -323,27 +364,27 @@ def nominal_scale(text: str, sensor: str, what: str) -> tuple[float, bool]:
     rate = {"accel": "m/s^2", "gyro": "rad/s"}[sensor]
     ureg = units.registry()
     for unit_text, increment in ((f"count/({rate})", False), (f"count/({rate})/s", True)):
-        if value.is_compatible_with(ureg.Unit(unit_text)) and value.magnitude != 0:
-            return 1.0 / float(value.to(ureg.Unit(unit_text)).magnitude), increment
+        if value.is_compatible_with(ureg.Unit(unit_text)):
+            counts = float(value.to(ureg.Unit(unit_text)).magnitude)
+            if 1e-100 < abs(counts) < 1e100:
+                return 1.0 / counts, increment
+            raise InputError(f"{what}: scale {text!r} is no scale that a sensor has")
     good = {"accel": "16384 LSB/g or 10800 pulse/g/s", "gyro": "131 LSB/(deg/s) or 1.1866 pulse/arcsec"}[sensor]
     raise InputError(f"{what}: scale {text!r} is no count per input; write for example {good}")
 
 
 def _stream(table: formats.Table, channels: Mapping[str, Channel], other: tuple[str, ...]) -> Iterator[Batch]:
-    row, interval = 1, None
+    row, interval = 1, 0.0
     columns = list(dict.fromkeys(c.column for c in channels.values()))
-    for piece in table.read(columns, other):
+    summed = [name for name, channel in channels.items() if channel.increment]
+    for piece in _two_rows_first(table.read(columns, other)):
         size = piece.num_rows
         values = {c: _floats(piece.column(i)) for i, c in enumerate(columns)}
-        si = {n: values[c.column] * c.factor + c.offset for n, c in channels.items()}
-        if interval is None and size > 1:
-            interval = sample_interval(si["time"])
-        for name, channel in channels.items():
-            if channel.increment:
-                if interval is None:
-                    raise InputError(
-                        f"{table.path}: one sample alone cannot say over which time its pulses were counted"
-                    )
+        with np.errstate(over="ignore", invalid="ignore"):  # the checks of the batch find what is not finite
+            si = {n: values[c.column] * c.factor + c.offset for n, c in channels.items()}
+            if summed and row == 1:
+                interval = _counting_interval(table.path, si["time"])
+            for name in summed:
                 si[name] = si[name] / interval
         sensors = {
             s: np.column_stack([si[a] for a in axes]) for s, axes in SENSORS.items() if all(a in si for a in axes)
@@ -352,6 +393,37 @@ def _stream(table: formats.Table, channels: Mapping[str, Channel], other: tuple[
         rest = piece.select(list(other)) if other else None
         yield Batch(row, si["time"], sensors.get("accel"), sensors.get("gyro"), rig, rest)
         row += size
+
+
+def _two_rows_first(pieces: Iterator[Any]) -> Iterator[Any]:
+    """The same rows, the first piece with two rows at least where the file has them: they say how far samples lie apart."""
+    first: Any = None
+    started = False
+    for piece in pieces:
+        if started:
+            yield piece
+            continue
+        first = piece if first is None else _joined(first, piece)
+        if first.num_rows > 1:
+            started = True
+            yield first
+    if not started and first is not None:
+        yield first
+
+
+def _joined(first: Any, second: Any) -> Any:
+    import pyarrow as pa
+
+    both = pa.Table.from_batches([first, second]).combine_chunks()
+    return both.to_batches()[0] if both.num_rows else first
+
+
+def _counting_interval(path: Path, time: Array) -> float:
+    """Time over which pulses were counted; where the time is unsound one, as it is refused later."""
+    if time.size < 2:
+        raise InputError(f"{path}: one sample alone cannot say over which time its pulses were counted")
+    interval = sample_interval(time)
+    return interval if 0 < interval < math.inf else 1.0
 
 
 def _floats(column: Any) -> Array:

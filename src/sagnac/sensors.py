@@ -1,6 +1,6 @@
 """Instrument models with named parameters: forward, derivative, inverse.
 
-A triad says
+A triad says ::
 
     N = S u + b + G f
 

@@ -56,13 +56,13 @@ revolution_per_minute = {math.pi / 30!r} * radian / second = rpm
 earth_rate_unit = 7.292115e-5 * radian / second = eru
 standard_gravity = 9.80665 * meter / second ** 2 = g = g_0 = g_n = gee
 galileo = 0.01 * meter / second ** 2 = Gal = gal
-count = [count] = counts = pulse = pulses = LSB = lsb = digit
+count = [count] = _ = counts = pulse = pulses = LSB = lsb = digit
 percent = 0.01 = %
 ppm = 1e-6
 ppb = 1e-9
 kelvin = [temperature]; offset: 0 = K
-degree_Celsius = kelvin; offset: 273.15 = degC = °C = celsius
-degree_Fahrenheit = 5 / 9 * kelvin; offset: 233.15 + 200 / 9 = degF = °F
+degree_Celsius = kelvin; offset: 273.15 = degC = °C = celsius = degreeC
+degree_Fahrenheit = 5 / 9 * kelvin; offset: 233.15 + 200 / 9 = degF = °F = degreeF
 """
 
 
@@ -78,15 +78,18 @@ def registry() -> Any:
 
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)", re.DOTALL)
-# What a unit may be written with; a power of a power could keep the parser busy for ever.
-_UNIT = re.compile(r"[\w°µμ%/*^(). -]{0,60}")
-_TOWER = re.compile(r"(\^|\*\*)[^/]*(\^|\*\*)|(\^|\*\*)\s*\(?\s*-?\d{2,}")
+# What a unit may be written with. Numbers stand only in small powers and in 1/x: a power of a power could keep the
+# parser busy for ever.
+_UNIT = re.compile(r"[A-Za-z0-9_°µμ²³%/*^(). -]{0,60}")
+_POWER = re.compile(r"\s*(?:(?:\^|\*\*)\s*(?:-?\d(?:\.\d{1,3})?|\(\s*-?\d(?:\.\d{1,3})?\s*\))(?![\w.])|[²³])")
+_UNSAFE = re.compile(r"!\s*!|\^|\*\*|\)!.*\)!|(?<![A-Za-z_0-9])[0-9]|\b(?:squared?|sq|cubed|cubic)\b")
 
 
 def _unit(text: str) -> Any:
     """Pint unit of a text; ``sqrt(x)`` is a power of one half."""
-    if not _UNIT.fullmatch(text) or _TOWER.search(text):
-        raise ValueError("not a unit")
+    bare = re.sub(r"(^|\()\s*1\s*/", r"\1/", _POWER.sub("!", text))
+    if not _UNIT.fullmatch(text) or _UNSAFE.search(bare):
+        raise ValueError("write units as in m/s^2 or deg/sqrt(h)")
     return registry().Unit(re.sub(r"sqrt\(([^()]*)\)", r"((\1)^0.5)", text.strip()))
 
 

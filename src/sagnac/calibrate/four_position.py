@@ -1,12 +1,12 @@
 """Biases from positions whose inputs cancel ([ZHOU13], section 1 of the methods).
 
 In the set of four (or any set that cancels) the Earth rate and the specific force sum to zero on every axis, so that all terms
-linear in the inputs leave the mean:
+linear in the inputs leave the mean::
 
     gyro bias_i  = mean over positions of mean(gyro_i)
     accel bias_i = mean over positions of mean(accel_i) - K2_i Q_i^2 g^2
 
-Both are solved as one least-squares problem with the linear terms L as unknowns of their own,
+Both are solved as one least-squares problem with the linear terms L as unknowns of their own, ::
 
     N_s - u_s = b + L u_s,
 

@@ -1,12 +1,12 @@
 """Gyros of a unit turned by hand from rest to rest.
 
-Two things need no rig:
+Two things need no rig::
 
     rest        N_g = b + G f + S_g w_E                  static means: bias and 3x3 g-sensitivity
     rotation    f_after ~ R(S_g, b, G)' f_before         gravity turned by the integrated rate, interval to interval
 
 with R from :mod:`sagnac.kernels.rotation`. No start value is asked for: S_g^-1 follows linearly from the change of the
-specific force over short stretches of the motion,
+specific force over short stretches of the motion, ::
 
     f(t2) - f(t1) = sum [f x] A (N_g - b - G f) dt,
 

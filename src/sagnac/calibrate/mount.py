@@ -1,7 +1,7 @@
 """How the unit sits on the table: C_b^k and the tilt of the outer axis, from directions and the table's settings.
 
 [DONG18] takes small-angle differences of four positions (its equations 25 to 27); here all positions are solved with full
-rotations:
+rotations::
 
     a_s = C_k^b Ry(-inner) ... e_3   (third row of C_k^n for the settings of segment s, turned to b)
     C_b^k = Rx(mount.x) Ry(mount.y) Rz(mount.z)

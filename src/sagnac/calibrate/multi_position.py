@@ -1,6 +1,6 @@
 """Multi-position calibration: inputs known from the table's settings, linear weighted least squares.
 
-The traditional method (section 2 of the methods), the peer of norm calibration and the choice for a good table:
+The traditional method (section 2 of the methods), the peer of norm calibration and the choice for a good table::
 
     N_s = S u_s + b,   u_s from the settings of segment s, latitude, gravity and the outer rate
 

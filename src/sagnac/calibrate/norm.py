@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..calibration import Calibration, Scatter, named
 from ..errors import DataError
-from ..estimate import Estimate, Parameter, estimate
+from ..estimate import Estimate, Parameter, estimate, settle
 from ..frames import Array, unit, wahba
 from ..observe.means import SegmentMeans
 from ..plan import Plan
@@ -81,7 +82,11 @@ def solve(means: SegmentMeans, plan: Plan, *, robust: bool = False) -> Solution:
     case = Case.of(means, plan)
     start = _Start(case)
     model, known = _model(case, start)
-    parameters = _parameters(case, start, model)
+    parameters: Sequence[Parameter] = _parameters(case, start, model)
+    if (
+        model.lever
+    ):  # a lever arm can throw the first directions off by more than h: settle it before h's azimuth is freed
+        parameters = settle(parameters, model.without_azimuths(start.to_b is not None).rows)
     fit = estimate(parameters, model.rows, means.names, noise_known=known, robust=robust)
     if known and fit.used != "white" and np.ptp(means.duration) > 0:
         alike = replace(means, duration=np.full_like(means.duration, means.duration.mean()))

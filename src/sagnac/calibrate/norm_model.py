@@ -1,7 +1,7 @@
 """Model of norm-observation calibration: only the size of the input is trusted, not its direction.
 
 [DONG18], section 2 of the methods. In each position the direction a of the outer (vertical) axis in the unit's frame is
-an unknown of that position, so that the table's angles do not matter.
+an unknown of that position, so that the table's angles do not matter. ::
 
     static    N_a = S_a g a + b_a
     turning   N_a = S_a [g (a + T tilt) + w^2 (a (a.l) - l)] + b_a
@@ -11,7 +11,7 @@ S_a is lower triangular: the accelerometers define b. In a turning segment both 
 S_g as a full matrix in b without the table's angles. l is the lever arm from the outer axis to the accelerometers; h is
 what the averaging leaves of the horizontal Earth rate: its size is known, its azimuth is one more unknown of the position
 that the table's setting only bounds; T tilt is what the averaging leaves of the outer axis's tilt. Gyros alone get their
-own triangular frame from
+own triangular frame from ::
 
     |u|^2 = (w + w_e sin L)^2 + |h|^2
 
@@ -20,7 +20,7 @@ which is the sampled norm for one sample and the turn-averaged one for whole tur
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -92,6 +92,11 @@ class NormModel:
     gravity: float
     up_rate: float
     groups: tuple[Group, ...]
+
+    def without_azimuths(self, known: bool) -> NormModel:
+        """The same with h where the settings put it (`known`), or left out: a simpler model to start from."""
+        groups = [replace(g, twist_sigma=None, level=g.level if known else np.zeros_like(g.level)) for g in self.groups]
+        return replace(self, groups=tuple(groups))
 
     def places(self) -> list[slice]:
         """Where each part of :class:`Split` stands in the parameter vector."""

@@ -1,5 +1,7 @@
 """The exact quadric start of norm calibration (methods, section 2).
 
+The readings lie on an ellipsoid::
+
     (N - b)' Q (N - b) = |u|^2,   Q = S^-T S^-1
 
 The nine coefficients of the general quadric are linear in the data; the centre is b, and the lower-triangular S is the
@@ -18,6 +20,9 @@ from ..estimate import null_space
 from ..frames import Array, unit
 
 FEWEST = 9
+_SPREAD = 3e-3
+"""Smallest singular value, over the largest, of a usable set: an icosahedron has 0.3, attitudes of a hand 0.1, turns about
+one axis only what their errors add (an arcminute: 3e-4)."""
 _APART = np.cos(np.radians(2.0))
 
 
@@ -89,7 +94,7 @@ def fit(readings: Array, norms: Array, kind: str) -> Ellipsoid:
 
 
 def _refuse_poor(readings: Array, centre: Array, design: Array, names: list[str], kind: str) -> None:
-    _, unseen = null_space(design, names, threshold=1e-7)
+    _, unseen = null_space(design, names, threshold=_SPREAD)
     count = distinct(unit(readings - centre))
     if count < FEWEST or len(readings) < design.shape[1]:
         seen = f"; they cannot see {unseen[0]}" if unseen else ""

@@ -94,6 +94,8 @@ def calibrate(
     """
     from ..calibrate import calibrate as run
 
+    options.keep_inputs(("--out", out), ("--plot", plot), inputs=(recording, plan))
+    options.check_picture(plot)
     done = options.plan_with(plan, gravity, latitude, height)
     opened = options.open_with(recording, done, units, scale, names)
     if method is Method.norm and (done is None or not done.segment) and "gyro" in opened.has:
@@ -126,6 +128,7 @@ def apply(
     from ..compensation import apply as run
     from .terminal import counting
 
+    options.keep_inputs(("--out", out), inputs=(recording, calibration, plan))
     model = load(calibration)
     opened = options.open_with(recording, options.plan_with(plan, None, None, None), units, scale, names, model)
     with counting(f"compensating {recording.name}") as progress:

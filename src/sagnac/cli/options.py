@@ -60,6 +60,30 @@ def pairs(text: str | None, option: str) -> dict[str, str]:
     return out
 
 
+def keep_inputs(*outputs: tuple[str, Path | None], inputs: tuple[Path | None, ...]) -> None:
+    """Refuse an output file that is one of the inputs, or another output.
+
+    Raises
+    ------
+    InputError
+        With the option and the file.
+    """
+    taken = [(path, "an input; inputs are never modified") for path in inputs if path is not None]
+    for option, path in outputs:
+        if path is None:
+            continue
+        for other, reason in taken:
+            if path.resolve() == other.resolve() or (path.exists() and other.exists() and path.samefile(other)):
+                raise InputError(f"{option} {path}: is {reason}")
+        taken.append((path, f"written by {option} already"))
+
+
+def check_picture(path: Path | None) -> None:
+    """Refuse a picture of a kind that cannot be drawn, before any work is done."""
+    if path is not None and path.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise InputError(f"--plot {path}: write to a .png, .svg or .pdf file")
+
+
 def open_with(
     path: Path,
     plan: Plan | None,

@@ -26,9 +26,13 @@ def open_table(path: Path) -> Table:
     try:
         with parquet.ParquetFile(path) as stream:
             raw = tuple(stream.schema_arrow.names)
-    except (pa.ArrowException, OSError) as cause:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
         raise InputError(f"{path}: damaged Parquet file: {cause}") from cause
-    names = {name.strip(): name for name in raw}
+    stripped = [name.strip() for name in raw]
+    twice = sorted({n for n in stripped if stripped.count(n) > 1})
+    if twice:
+        raise InputError(f"{path}: these columns stand more than once: {', '.join(twice)}")
+    names = dict(zip(stripped, raw, strict=True))
 
     def read(numeric: Sequence[str], other: Sequence[str]) -> Iterator[Any]:
         target = None
@@ -39,9 +43,9 @@ def open_table(path: Path) -> Table:
                     columns = [batch.column(names[c]) for c in wanted]
                     for i in range(len(numeric)):
                         target = wanted[i]
-                        columns[i] = columns[i].cast(pa.float64())
+                        columns[i] = columns[i].cast(pa.float64(), safe=False)  # whole nanoseconds are rounded
                     yield pa.RecordBatch.from_arrays(columns, names=wanted)
-        except (pa.ArrowException, OSError) as cause:
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
             place = f" in column {target!r}" if target else ""
             raise InputError(f"{path}: cannot read the numbers{place}: {cause}") from cause
 

@@ -1,5 +1,7 @@
 """Three-axis turntable: Earth rate, gravity and table rate in the case frame k.
 
+The attitude of the case::
+
     C_k^n = Rx(tilt_x) Ry(tilt_y) Rz(outer) Ry(n_1) Rx(middle) Rz(n_2) Ry(inner)
 
 with n east, north, up, the tilt of the outer axis from the vertical, and n_1, n_2 the non-perpendicularity of middle

@@ -1,0 +1,47 @@
+"""Settings and recordings that many tests share."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, settings
+
+from sagnac.plan import Plan
+from sagnac.simulate.plans import ICOSAHEDRON, table_plan
+from sagnac.simulate.table import imperfect_table, simulate_recording, write_recording
+from sagnac.simulate.unit import laser_gyro_unit
+
+settings.register_profile(
+    "house",
+    deadline=None,  # the first call of pint, pyarrow or a kernel takes its time
+    derandomize=True,  # a failure found once is found again
+    max_examples=60,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+settings.register_profile("thorough", parent=settings.get_profile("house"), derandomize=False, max_examples=2000)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "house"))
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A short run of the laser-gyro unit on its table, as files."""
+
+    recording: Path
+    plan_file: Path
+    plan: Plan
+
+
+@pytest.fixture(scope="session")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    """Twelve static and twelve turning positions at 20 Hz, 11.5 minutes in all."""
+    folder = tmp_path_factory.mktemp("rig")
+    unit, rng = laser_gyro_unit(), np.random.default_rng(20)
+    plan = table_plan(unit, ICOSAHEDRON, dwell=16.0, turning=36.0, move=3.0)
+    time, samples = simulate_recording(unit, plan, imperfect_table(plan, rng), rng, frequency=20.0)
+    write_recording(str(folder / "recording.parquet"), time, samples, unit.pulses)
+    plan.save(folder / "plan.toml")
+    return Rig(folder / "recording.parquet", folder / "plan.toml", plan)
