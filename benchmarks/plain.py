@@ -52,3 +52,32 @@ def integrate(time, gyro, force, inverse, bias, g_matrix, first, last):
 def moving_variance(values, width):
     """Variance of every window, by strided views: the direct form of :func:`sagnac.observe.static.moving_variance`."""
     return np.lib.stride_tricks.sliding_window_view(values, width, axis=0).var(axis=-1)
+
+
+def norm_by_scipy(readings, gravity, sigma, least_squares):
+    """Norm calibration with the direction of every position as two unknowns of its own, solved by a general solver."""
+    n = len(readings)
+    first = readings / np.linalg.norm(readings, axis=1)[:, None]
+    lon, lat = np.arctan2(first[:, 1], first[:, 0]), np.arcsin(first[:, 2])
+
+    def residual(x):
+        matrix = np.array([[1 + x[0], 0, 0], [x[3], 1 + x[1], 0], [x[4], x[5], 1 + x[2]]])
+        o, a = x[9 : 9 + n], x[9 + n :]
+        u = np.stack([np.cos(a) * np.cos(o), np.cos(a) * np.sin(o), np.sin(a)], axis=1)
+        return ((readings - gravity * u @ matrix.T - x[6:9]) / sigma).ravel()
+
+    start = np.concatenate([np.zeros(9), lon, lat])
+    return least_squares(residual, start, x_scale="jac", xtol=1e-12, ftol=1e-12).x[:9]
+
+
+def segment_means(time, samples, plan):
+    """Mean and variance of each segment, nothing else."""
+    out = {}
+    for sensor, values in samples.items():
+        means = []
+        for s in plan.segment:
+            i, j = np.searchsorted(time, [s.start, s.stop])
+            values[i:j].var(axis=0)
+            means.append(values[i:j].mean(axis=0))
+        out[sensor] = np.array(means)
+    return out

@@ -172,13 +172,13 @@ def test_robust_option_turns_a_bad_segment_down(problem):
 
 def test_eliminating_local_unknowns_equals_solving_for_them():
     rng = np.random.default_rng(3)
-    n, m, k, l = 8, 5, 3, 2
-    jac, local, r = rng.standard_normal((n, m, k)), rng.standard_normal((n, m, l)), rng.standard_normal((n, m))
+    n, m, k, own = 8, 5, 3, 2
+    jac, local, r = rng.standard_normal((n, m, k)), rng.standard_normal((n, m, own)), rng.standard_normal((n, m))
     reduced_r, reduced_j = eliminate(r, jac, local)
-    whole = np.zeros((n, m, k + n * l))
+    whole = np.zeros((n, m, k + n * own))
     whole[:, :, :k] = jac
     for s in range(n):
-        whole[s, :, k + s * l : k + (s + 1) * l] = local[s]
+        whole[s, :, k + s * own : k + (s + 1) * own] = local[s]
     everything = np.linalg.lstsq(whole.reshape(n * m, -1), r.ravel(), rcond=None)[0]
     only = np.linalg.lstsq(reduced_j.reshape(-1, k), reduced_r.ravel(), rcond=None)[0]
     assert np.allclose(only, everything[:k], rtol=1e-10)

@@ -134,7 +134,7 @@ class Calibration(_Record):
     schema_id: Literal["sagnac/calibration/1"] = Field(default="sagnac/calibration/1", alias="schema")
     method: str
     unit: UnitName = UnitName()
-    parameters: tuple[Value, ...]
+    parameters: tuple[Value, ...] = Field(min_length=1)
     covariance: tuple[tuple[float, ...], ...]
     fit: Fit
     budget: tuple[BudgetLine, ...] = ()
@@ -243,6 +243,7 @@ def json_schema() -> dict[str, Any]:
     schema = Calibration.model_json_schema(by_alias=True)
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["$id"] = SCHEMA
+    schema["required"] = ["schema", *schema["required"]]  # the record fills it in, a file must name it
     return schema
 
 

@@ -387,7 +387,7 @@ def _gauss_newton(parameters: Sequence[Parameter], model: Model, x: Array, limit
             return x, iteration, _at_the_bottom(jac, step, r)
         moved, size = float(np.linalg.norm(jac @ step)), max(1.0, float(np.sqrt(cost)))
         x, r, jac = trial, new_r, new_jac
-        if moved < 1e-9 * size or 0.5 * before < moved < 1e-5 * size:  # nothing moves any more, or only rounding does
+        if moved < 1e-9 * size or 0.9 * before < moved < 1e-3 * size:  # nothing moves any more, or only rounding does
             return x, iteration, True
         before = moved
     return x, limit, False

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from plain import exponential
-from plain import integrate as plain_integrate
 from scipy.spatial.transform import Rotation
 
+from plain import exponential
+from plain import integrate as plain_integrate
 from sagnac.kernels import is_cold
 from sagnac.kernels.rotation import integrate
 

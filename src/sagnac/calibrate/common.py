@@ -63,7 +63,11 @@ def noise_of(means: SegmentMeans, plan: Plan, sensor: str, gain: float = 1.0, si
     if usable:
         found = np.where(found > 0, found, found.max())
     if stated is None:
-        return Noise(found, True) if usable else Noise(np.full(3, _NOMINAL * abs(size)), False)
+        return (
+            Noise(found, True)
+            if usable
+            else Noise(np.full(3, max(_NOMINAL * abs(size), 1e-14 * float(np.abs(means.mean[sensor]).max()))), False)
+        )
     density = np.full(3, stated * gain)
     if not usable:
         return Noise(density, True)

@@ -32,6 +32,7 @@ from . import sanity
 
 _STRETCH = 0.5  # s: long enough for the hand's acceleration to average out, short enough to see the turn
 _FEWEST_ROTATIONS = 6
+_LEAST = 1e-9  # noise, relative to the range of the readings, below which only rounding is left
 _WORST = np.radians(5.0)  # a residual above this is no calibration
 
 
@@ -130,10 +131,9 @@ def calibrate_gyros(
         x = fit.value
         turns = fit.residual[: 2 * motion.first.size]
         rest = fit.residual[2 * motion.first.size :]
-        sigma_turn *= float(np.sqrt(turns @ turns / max(turns.size - 9, 1)))
-        sigma_static *= float(np.sqrt(rest @ rest / max(rest.size - 12, 1)))
-        if sigma_turn == 0.0 or sigma_static == 0.0:
-            break
+        sigma_turn = max(sigma_turn * float(np.sqrt(turns @ turns / max(turns.size - 9, 1))), _LEAST)
+        least = _LEAST * float(np.ptp(motion.gyro, axis=0).max())
+        sigma_static = max(sigma_static * float(np.sqrt(rest @ rest / max(rest.size - 12, 1))), least)
     fit, cross = fit.consider(rows.to_accel(x, matrix, accel_triad, accel), accel.covariance[:9, :9])
     angles = rows.angles(x)
     rms = float(np.sqrt(np.mean(angles**2)))
@@ -234,7 +234,7 @@ def _start(motion: _Motion, triad: Triad) -> tuple[Array, float]:
     if np.linalg.cond(inverse / norms) > 50.0:
         raise DataError("the three gyros do not see three axes: one is dead, or two columns carry the same signal")
     x = triad.pack(np.asarray(np.linalg.inv(inverse)), bias, np.asarray(g_matrix))
-    return x, max(scatter, 1e-12 * float(np.abs(motion.gyro).max()))
+    return x, max(scatter, _LEAST * float(np.ptp(motion.gyro, axis=0).max()))
 
 
 # d/dA of [f x] A r is linear in f_k r_l: component i of the cross product takes k with j

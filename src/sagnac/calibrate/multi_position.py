@@ -13,6 +13,7 @@ the three mounting angles of b in k, and S_g full in b: the same nine numbers pe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,11 +27,9 @@ from ..frames import Array
 from ..observe.means import SegmentMeans
 from ..plan import Plan
 from ..recording import Recording
-from ..rigs.turntable import Site, TableErrors, attitude, averaging, mean_inputs
+from ..rigs.turntable import Site, mean_inputs
 from ..sensors import AXES, Triad, signed_permutation
-from . import common, mount, sanity
-
-_STEP = 1e-6  # rad, central differences of the rig's model: error 1e-12
+from . import common, mount, sanity, table_noise
 
 
 def calibrate_means(
@@ -75,30 +74,27 @@ def calibrate_means(
         sensors.remove("gyro")
     if not sensors:
         raise DataError("multi-position of gyros needs segments with outer_rate; the plan has none")
-    first: dict[str, _Sensor] = {}
-    for sensor in sensors:
-        first[sensor] = _first(sensor, means, plan, site, angles, rates, remarks)
-    if matrix == "triangular" and "accel" in first:
-        problem: _Full | _Triangular = _Triangular(first, site.gravity, float(np.abs(rates).max()))
-    else:
-        problem = _Full(first, site.gravity, float(np.abs(rates).max()))
-    fit = estimate(
-        problem.parameters(), problem.rows, means.names, noise_known=all(f.known for f in first.values()), robust=robust
-    )
+    first = [_first(s, means, plan, site, angles, rates, remarks) for s in sensors]
+    weight = _whitening(first, means, plan, site, angles, rates)
+    model = _Triangular if matrix == "triangular" and "accel" in sensors else _Full
+    problem = model(first, weight, site.gravity, float(np.abs(rates).max()))
+    known = all(f.known for f in first)
+    fit = estimate(problem.parameters(), problem.rows, means.names, noise_known=known, robust=robust)
     return _report(fit, means, plan, site, recording, remarks)
 
 
 @dataclass(frozen=True)
 class _Sensor:
-    """One triad: inputs in k, readings, whitening of all its rows together, first S and b in k."""
+    """One triad: inputs in k, readings, which segments count, first S and b in k, noise."""
 
     kind: str
     counts: bool
     inputs: Array
     readings: Array
-    weight: Array
+    used: NDArray[np.bool_]
     matrix: Array
     bias: Array
+    density: Array
     known: bool
 
 
@@ -166,7 +162,7 @@ def _frame_of(matrix: Array) -> Array:
 def _first(
     sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Array, rates: Array, remarks: list[str]
 ) -> _Sensor:
-    """Unweighted linear solution, then the whitening that follows from it."""
+    """Unweighted linear solution, looked at for signs, columns and units, and the noise to weigh with."""
     counts = sensor in means.counts
     inputs, used, matrix, bias = _linear(sensor, means, site, angles, rates)
     readings = means.mean[sensor]
@@ -179,11 +175,7 @@ def _first(
     gain = float(np.mean(np.linalg.norm(matrix, axis=1))) if counts else 1.0
     noise = common.noise_of(means, plan, sensor, gain, float(np.abs(readings - bias).max()))
     remarks += noise.remarks
-    covariance = _covariance(sensor, means, plan, site, angles, rates, matrix, noise.density)
-    keep = np.repeat(used, 3)
-    weight = np.zeros_like(covariance)
-    weight[np.ix_(keep, keep)] = np.linalg.inv(np.linalg.cholesky(covariance[np.ix_(keep, keep)]))
-    return _Sensor(sensor, counts, inputs, readings, weight, matrix, bias, noise.known)
+    return _Sensor(sensor, counts, inputs, readings, used, matrix, bias, noise.density, noise.known)
 
 
 def _accel_sense(matrix: Array, counts: bool) -> list[str]:
@@ -203,68 +195,25 @@ def _accel_sense(matrix: Array, counts: bool) -> list[str]:
     return [f"negative gain of {text}"]
 
 
-def _covariance(
-    sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Array, rates: Array, matrix: Array, density: Array
+def _whitening(
+    sensors: Sequence[_Sensor], means: SegmentMeans, plan: Plan, site: Site, angles: Array, rates: Array
 ) -> Array:
-    """Covariance (3n, 3n) of all mean readings: noise, errors of the settings, errors of the axes, of the rate."""
-    n = len(rates)
-    total = np.diag(means.variance(sensor, density).ravel())
-    which = 0 if sensor == "accel" else 1
-    turned = rates * means.interval
-
-    def readings(shift: Array) -> Array:
-        return mean_inputs(angles + shift, rates, turned, means.count, site)[which] @ matrix.T
-
-    if plan.rig.angle_uncertainty > 0:
-        for i in range(3):
-            shift = np.zeros(3)
-            shift[i] = _STEP
-            d = (readings(shift) - readings(-shift)) / (2 * _STEP) * plan.rig.angle_uncertainty
-            for s in range(n):
-                at = slice(3 * s, 3 * s + 3)
-                total[at, at] += np.outer(d[s], d[s])
-    if plan.rig.axis_uncertainty > 0:
-        for d in _axis_effects(which, angles, rates, turned, means.count, site):
-            column = (d @ matrix.T).ravel() * plan.rig.axis_uncertainty
-            total += np.outer(column, column)
-    if sensor == "gyro" and plan.rig.rate_uncertainty > 0:
-        up = attitude(angles)[:, 2, :]
-        column = ((rates * plan.rig.rate_uncertainty)[:, None] * up @ matrix.T).ravel()
-        total += np.outer(column, column)
-    if sensor == "accel" and plan.gravity_uncertainty > 0:
-        column = (plan.gravity_uncertainty * attitude(angles)[:, 2, :] @ matrix.T).ravel()
-        total += np.outer(column, column)
-    return total
-
-
-def _axis_effects(which: int, angles: Array, rates: Array, turned: Array, count: Array, site: Site) -> list[Array]:
-    """Derivative of the mean inputs (n, 3) to each of the table's tilts, non-perpendicularities and zero errors."""
-    up_rate = (rates + site.enu[2])[:, None]
-    left = averaging(turned, count)[:, None]
-
-    def inputs(errors: TableErrors) -> Array:
-        to_enu = attitude(angles, errors)
-        axis = attitude(angles, TableErrors((0.0, 0.0), errors.nonperpendicularity, errors.zero))[:, 2, :]
-        if which == 0:
-            return np.asarray(site.gravity * (axis + left * (to_enu[:, 2, :] - axis)))
-        level = np.einsum("nji,j->ni", to_enu, site.enu) - site.enu[2] * axis
-        return np.asarray(up_rate * axis + left * level)
-
-    out = []
-    for k in range(7):
-        values = np.zeros(7)
-        values[k] = _STEP
-        forward = TableErrors(tuple(values[:2]), tuple(values[2:4]), tuple(values[4:]))
-        backward = TableErrors(tuple(-values[:2]), tuple(-values[2:4]), tuple(-values[4:]))
-        out.append((inputs(forward) - inputs(backward)) / (2 * _STEP))
-    return out
+    """Inverse square root of the covariance of all rows that count, all sensors together."""
+    white, columns = [], []
+    for s in sensors:
+        keep = np.repeat(s.used, 3)
+        white.append(means.variance(s.kind, s.density).ravel()[keep])
+        effect = s.matrix @ table_noise.effects(s.kind, means, plan, site, angles, rates)
+        columns.append(effect.reshape(keep.size, -1)[keep])
+    shared = np.vstack(columns)
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(np.diag(np.concatenate(white)) + shared @ shared.T)))
 
 
 class _Full:
     """S full in k for each sensor; linear."""
 
-    def __init__(self, sensors: dict[str, _Sensor], gravity: float, rate: float) -> None:
-        self.sensors = list(sensors.values())
+    def __init__(self, sensors: Sequence[_Sensor], weight: Array, gravity: float, rate: float) -> None:
+        self.sensors, self.weight = sensors, weight
         self.triads = [Triad(s.kind, s.counts, full=True) for s in self.sensors]
         self.sizes = {"accel": gravity, "gyro": rate}
 
@@ -285,14 +234,14 @@ class _Full:
             jac[:, at : at + k] = (np.einsum("kij,nj->nik", d_matrix, s.inputs) + d_bias.T).reshape(-1, k)
             out.add(s, s.inputs @ matrix.T + bias, jac)
             at += k
-        return out.rows()
+        return out.rows(self.weight)
 
 
 class _Triangular:
     """S_a lower triangular in b, mounting angles of b in k, S_g full in b."""
 
-    def __init__(self, sensors: dict[str, _Sensor], gravity: float, rate: float) -> None:
-        self.sensors = list(sensors.values())
+    def __init__(self, sensors: Sequence[_Sensor], weight: Array, gravity: float, rate: float) -> None:
+        self.sensors, self.weight = sensors, weight
         self.triads = [Triad(s.kind, s.counts, full=s.kind == "gyro") for s in self.sensors]
         self.sizes = {"accel": gravity, "gyro": rate}
         self.to_b = _frame_of(self.sensors[0].matrix)
@@ -321,25 +270,25 @@ class _Triangular:
             jac[:, -3:] = np.einsum("ij,klj,nl->nik", matrix, d_mount, s.inputs).reshape(-1, 3)
             out.add(s, u @ matrix.T + bias, jac)
             at += k
-        return out.rows()
+        return out.rows(self.weight)
 
 
 class _Stack:
-    """Whitened rows of several sensors, one under the other."""
+    """Rows of several sensors that count, one under the other, whitened together."""
 
     def __init__(self) -> None:
         self.parts: list[Rows] = []
 
     def add(self, s: _Sensor, predicted: Array, jac: Array) -> None:
-        """Append the rows of a sensor that count."""
-        used = np.any(s.weight != 0, axis=1)
-        index = np.repeat(np.arange(len(s.readings)), 3)[used]
-        self.parts.append(Rows(s.weight[used] @ (s.readings - predicted).ravel(), -s.weight[used] @ jac, index))
+        """Append residual and derivative of a sensor's readings."""
+        keep = np.repeat(s.used, 3)
+        index = np.repeat(np.arange(len(s.readings)), 3)[keep]
+        self.parts.append(Rows((s.readings - predicted).ravel()[keep], -jac[keep], index))
 
-    def rows(self) -> Rows:
+    def rows(self, weight: Array) -> Rows:
         """All of them."""
         residual, jacobian, segment = zip(*self.parts, strict=True)
-        return Rows(np.concatenate(residual), np.vstack(jacobian), np.concatenate(segment))
+        return Rows(weight @ np.concatenate(residual), weight @ np.vstack(jacobian), np.concatenate(segment))
 
 
 def _report(

@@ -65,27 +65,14 @@ def fit(readings: Array, norms: Array, kind: str) -> Ellipsoid:
     size = np.abs(readings - centre).max()
     if not size > 0:
         raise DataError(f"the {kind} readings are the same in all {len(readings)} positions: nothing to calibrate with")
-    shape = (readings - centre) / size
-    equal = np.ptp(norms) <= 1e-9 * abs(norms[0])
-    x, y, z = shape.T
-    columns = [x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, -2 * x, -2 * y, -2 * z]
+    x, y, z = ((readings - centre) / size).T
+    design = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, -2 * x, -2 * y, -2 * z], axis=1)
     names = [f"{kind}.scale_error.{a}" for a in "xyz"]
     names += [f"{kind}.misalignment.{p}" for p in ("yx", "zx", "zy")] + [f"{kind}.bias.{a}" for a in "xyz"]
-    right = (norms / norms[0]) ** 2
-    if not equal:
-        columns.append(-np.ones_like(x))
-        names.append(f"the {kind} scale")
-    design = np.stack(columns, axis=1)
     _refuse_poor(readings, centre, design, names, kind)
-    p = np.linalg.lstsq(design, right, rcond=None)[0]
-    q_matrix = np.array([[p[0], p[3], p[4]], [p[3], p[1], p[5]], [p[4], p[5], p[2]]])
-    if np.linalg.det(q_matrix) == 0:
-        raise DataError(f"the {kind} readings do not lie on an ellipsoid")
-    bias = np.linalg.solve(q_matrix, p[6:9])
-    if equal:  # only the shape is known so far: N'QN - 2q'N = 1 up to a factor
-        q_matrix = q_matrix / (1.0 + bias @ q_matrix @ bias)
+    q_matrix, bias = _solve(design, (norms / norms[0]) ** 2)
     values = np.linalg.eigvalsh(q_matrix)
-    if not np.all(values > 0) or values[-1] > 1e8 * values[0]:
+    if not np.all(np.isfinite(values)) or not np.all(values > 0) or values[-1] > 1e8 * values[0]:
         raise DataError(
             f"the {kind} readings do not lie on an ellipsoid: an axis is dead or saturated, or a position was not static"
         )
@@ -93,13 +80,37 @@ def fit(readings: Array, norms: Array, kind: str) -> Ellipsoid:
     return Ellipsoid(matrix, centre + size * bias)
 
 
+def _solve(design: Array, squares: Array) -> tuple[Array, Array]:
+    """Q and centre b of ``N'QN - 2 q'N = |u|^2 - c`` with c = b'Qb.
+
+    The coefficients are linear in the right side, hence in c: one unknown is left, the root of b'Qb - c.
+    """
+    both = np.linalg.lstsq(design, np.column_stack([squares, np.ones_like(squares)]), rcond=None)[0]
+
+    def parts(c: float) -> tuple[Array, Array, float]:
+        p = both[:, 0] - c * both[:, 1]
+        q_matrix = np.array([[p[0], p[3], p[4]], [p[3], p[1], p[5]], [p[4], p[5], p[2]]])
+        bias = np.linalg.lstsq(q_matrix, p[6:9], rcond=None)[0]
+        return q_matrix, bias, float(bias @ q_matrix @ bias) - c
+
+    _, bias, first = parts(0.0)
+    # equal norms: Q is known up to the factor 1 - c, and b not at all affected, which solves it exactly
+    c, before, value_before = first / (1.0 + first), 0.0, first
+    for _ in range(50):
+        q_matrix, bias, value = parts(c)
+        if abs(value) < 1e-15 or value == value_before:
+            break
+        c, before, value_before = c - value * (c - before) / (value - value_before), c, value
+    return q_matrix, bias
+
+
 def _refuse_poor(readings: Array, centre: Array, design: Array, names: list[str], kind: str) -> None:
     _, unseen = null_space(design, names, threshold=_SPREAD)
     count = distinct(unit(readings - centre))
-    if count < FEWEST or len(readings) < design.shape[1]:
+    if count < FEWEST:
         seen = f"; they cannot see {unseen[0]}" if unseen else ""
         raise DataError(
-            f"norm calibration of the {kind} triad needs at least {design.shape[1]} well-spread positions; "
+            f"norm calibration of the {kind} triad needs at least {FEWEST} well-spread positions; "
             f"{count} different ones were found among {len(readings)}{seen}"
         )
     if unseen:

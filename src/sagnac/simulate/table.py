@@ -160,7 +160,8 @@ def simulate_recording(
     """
     count = int(np.floor((plan.segment[-1].stop + 1.0) * frequency))
     time = np.arange(1, count + 1) / frequency
-    angles, rates = motion(plan, table, time - 0.5 / frequency)
+    # pulses are counted over the interval before the time stamp, other readings are taken at it
+    angles, rates = motion(plan, table, time - 0.5 / frequency if unit.pulses else time)
     samples = readings(unit, *inputs(angles, rates, site_of(plan), table.errors))
     for sensor, density in (("accel", unit.accel_density), ("gyro", unit.gyro_density)):
         samples[sensor] += density * np.sqrt(frequency) * rng.standard_normal((count, 3))
