@@ -25,7 +25,7 @@ def effects(sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Ar
         ``accel`` or ``gyro``.
     means : SegmentMeans
     plan : Plan
-    site : Site
+    site : sagnac.rigs.turntable.Site
     angles : ndarray, shape (n, 3), rad
         Settings at mid time.
     rates : ndarray, shape (n,), rad/s
