@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sagnac import from_arrays, verify
-from sagnac.calibrate import calibrate, four_position, hand_turned, norm
+from sagnac.calibrate import calibrate, hand_turned, norm
 from sagnac.compensation import corrections
 from sagnac.errors import DataError, InputError
 from sagnac.plan import Plan
@@ -73,8 +73,8 @@ def test_fails_as_often_as_it_says(check):
     assert np.mean(np.array(p_values) < 0.1) < 0.1 + 3.3 * np.sqrt(0.09 / 300)
 
 
-def test_biases_alone_can_be_verified():
-    """A four-position result has no scale: what is checked is the norm with unit gain."""
+def test_biases_alone_are_compared_with_fresh_ones():
+    """A four-position result has no scale, so that no norm can be judged; the same positions give the biases again."""
     plan = Plan(
         latitude=0.7,
         gravity=9.8,
@@ -92,12 +92,16 @@ def test_biases_alone_can_be_verified():
         ),
     )
     up = np.array([1.0, -1.0, -1.0, 1.0]).repeat(60)
-    accel = np.outer(up, [0, 0, 9.8]) + [0.01, 0.02, 0.03]
+    accel = np.outer(up, [0, 0, 9.8 * 1.01]) + [0.01, 0.02, 0.03]  # a scale error that the method does not see
     time = np.arange(240.0) + 0.5
-    recording = from_arrays(time, accel + 1e-4 * np.random.default_rng(0).standard_normal((240, 3)))
-    found = calibrate("four-position", recording, plan)
-    assert found.method == four_position.__name__.rpartition(".")[2].replace("_", "-")
-    assert verify(found, recording, plan).passed
+    rng = np.random.default_rng(0)
+    first, second = (from_arrays(time, accel + 1e-4 * rng.standard_normal((240, 3))) for _ in range(2))
+    found = calibrate("four-position", first, plan)
+    outcome = verify(found, second, plan)
+    assert outcome.passed
+    assert [c.what for c in outcome.checks] == [f"accel.bias.{a}" for a in "xyz"]
+    shifted = from_arrays(time, accel + 1e-3)
+    assert not verify(found, shifted, plan).passed
 
 
 def test_hand_turned_log_is_verified_without_plan():

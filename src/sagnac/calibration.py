@@ -30,6 +30,7 @@ _PRINTED = {
     "rad": ("deg", "arcsec"),
     "count": ("count",),
     "m": ("m", "mm"),
+    "rad*s/m": ("deg/h/g",),
 }
 
 
@@ -261,13 +262,14 @@ def printed(value: float, sigma: float, si_unit: str) -> tuple[str, str, str]:
     value, sigma, unit : str
     """
     choices = _PRINTED.get(si_unit, (si_unit,))
+    convertible = si_unit in _PRINTED
     unit_text = choices[-1]
     for choice in choices:
-        size = abs(units.convert(1.0, si_unit, choice)) if len(choices) > 1 else 1.0
+        size = abs(units.convert(1.0, si_unit, choice)) if convertible else 1.0
         if sigma * size >= 0.01 or (sigma == 0 and abs(value) * size >= 1):
             unit_text = choice
             break
-    size = units.convert(1.0, si_unit, unit_text) if len(choices) > 1 else 1.0
+    size = units.convert(1.0, si_unit, unit_text) if convertible else 1.0
     v, s = value * size, sigma * size
     if s > 0 and math.isfinite(s):
         digits = max(0, 1 - math.floor(math.log10(s)))
@@ -298,7 +300,7 @@ def _fit_lines(cal: Calibration) -> list[str]:
     meaning = {
         "white": "the stated noise explains the scatter between segments; uncertainties follow from it",
         "scaled": "uncertainties scaled by the scatter of the residuals",
-        "delete-one-segment": "segments scatter more than their noise; uncertainties are from leaving out one at a time",
+        "delete-one-segment": "from leaving out one segment at a time: the stated noise does not explain the scatter",
     }
     lines += [
         f"  uncertainty: {used} ({meaning.get(used, 'see the documentation')})" for used in fit.uncertainty.split(" / ")
@@ -329,7 +331,7 @@ def _budget_lines(cal: Calibration) -> list[str]:
     for line in cal.budget:
         parts = []
         for p, s in zip(cal.parameters, line.standard_uncertainty, strict=True):
-            if s > 0:
+            if s > 1e-4 * p.standard_uncertainty:
                 _, sigma, unit = printed(0.0, s, p.unit)
                 parts.append(f"{p.name} {sigma} {unit}")
         lines.append(f"    {line.source}: " + (", ".join(parts) if parts else "none"))

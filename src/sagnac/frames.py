@@ -1,6 +1,6 @@
 """Rotations and small vector algebra, batched over leading axes.
 
-A matrix named ``C_b_n`` takes coordinates in b to coordinates in n (docs: conventions). Euler angles appear
+A matrix named ``C_b_n`` takes coordinates in b to coordinates in n. Euler angles appear
 only where the rig has real axes.
 """
 

@@ -71,7 +71,9 @@ def noise_of(means: SegmentMeans, plan: Plan, sensor: str, gain: float = 1.0, si
     density = np.full(3, stated * gain)
     if not usable:
         return Noise(density, True)
-    ratio = found / density
+    # what pulses lost or won at the ends of the blocks leave uncertain is no sign of more noise
+    pulses = means.pulse.get(sensor, np.zeros(3)) ** 2 / (6.0 * float(np.median(means.duration)) / 16.0)
+    ratio = found / np.sqrt(density**2 + pulses)
     limit = max(1.5, np.sqrt(1.0 + 5.0 * np.sqrt(2.0 / dof)))
     if np.any(ratio > limit):
         text = (
@@ -113,6 +115,17 @@ def need_angles(means: SegmentMeans, method: str) -> Array:
         means.mid_time - np.array([s.start for s in means.segments])
     )
     return angles
+
+
+def gravity_remarks(plan: Plan) -> list[str]:
+    """A word where the scale of the accelerometers rests on normal gravity without an uncertainty."""
+    if plan.gravity is not None or plan.gravity_uncertainty > 0 or plan.latitude is None:
+        return []
+    text = (
+        "gravity was not given: normal gravity of the site is taken as exact, where the real one differs by some 30 ppm; "
+        "state gravity, or gravity_uncertainty"
+    )
+    return [text]
 
 
 def gravity_source(plan: Plan | None) -> str:

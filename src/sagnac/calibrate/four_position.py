@@ -1,4 +1,4 @@
-"""Biases from positions whose inputs cancel ([ZHOU13], section 1 of the methods).
+"""Biases from positions whose inputs cancel ([ZHOU13], four-position method).
 
 In the set of four (or any set that cancels) the Earth rate and the specific force sum to zero on every axis, so that all terms
 linear in the inputs leave the mean::

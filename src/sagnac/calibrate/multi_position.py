@@ -1,6 +1,6 @@
 """Multi-position calibration: inputs known from the table's settings, linear weighted least squares.
 
-The traditional method (section 2 of the methods), the peer of norm calibration and the choice for a good table::
+The traditional method, the peer of norm calibration and the choice for a good table::
 
     N_s = S u_s + b,   u_s from the settings of segment s, latitude, gravity and the outer rate
 
@@ -66,7 +66,7 @@ def calibrate_means(
     """
     angles = common.need_angles(means, "multi-position")
     site = common.site_of(plan, "the Earth rate on the gyros")
-    remarks = list(means.remarks)
+    remarks = [*means.remarks, *(common.gravity_remarks(plan) if "accel" in means.mean else [])]
     sensors = [s for s in ("accel", "gyro") if s in means.mean]
     rates = np.array([s.outer_rate for s in means.segments])
     if "gyro" in sensors and not rates.any():

@@ -52,7 +52,7 @@ def calibrate_means(
 
     References
     ----------
-    [DONG18], equations 10 to 27; section 2 of the methods for the corrections.
+    [DONG18], equations 10 to 27; what is corrected in them is listed with the method's documentation.
     """
     solution = solve(means, plan, robust=robust)
     return _report(solution, recording)
@@ -126,7 +126,7 @@ class Case:
         rates = np.array([s.outer_rate for s in means.segments])
         has_accel = "accel" in means.mean
         has_gyro = "gyro" in means.mean and bool(rates.any())
-        remarks = list(means.remarks)
+        remarks = [*means.remarks, *(common.gravity_remarks(plan) if has_accel else [])]
         if not has_accel and not has_gyro:
             raise DataError("norm calibration of gyros needs segments with outer_rate; the plan has none")
         if "gyro" in means.mean and not has_gyro:

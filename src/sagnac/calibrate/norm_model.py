@@ -1,6 +1,6 @@
 """Model of norm-observation calibration: only the size of the input is trusted, not its direction.
 
-[DONG18], section 2 of the methods. In each position the direction a of the outer (vertical) axis in the unit's frame is
+[DONG18] with nothing truncated. In each position the direction a of the outer (vertical) axis in the unit's frame is
 an unknown of that position, so that the table's angles do not matter. ::
 
     static    N_a = S_a g a + b_a

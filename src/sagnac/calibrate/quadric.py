@@ -1,4 +1,4 @@
-"""The exact quadric start of norm calibration (methods, section 2).
+"""The exact quadric start of norm calibration, without [DONG18]'s truncation.
 
 The readings lie on an ellipsoid::
 

@@ -22,14 +22,6 @@ app = typer.Typer(
 )
 
 
-class Method(StrEnum):
-    """Calibration methods."""
-
-    four_position = "four-position"
-    multi_position = "multi-position"
-    norm = "norm"
-
-
 class Matrix(StrEnum):
     """Shape of the scale and misalignment matrix."""
 
@@ -68,7 +60,7 @@ def demo(
     "`sagnac calibrate norm log.csv --gravity '9.81744 m/s^2' --out cal.json`"
 )
 def calibrate(
-    method: Annotated[Method, typer.Argument(help="How.", metavar="METHOD")],
+    method: Annotated[str, typer.Argument(help="four-position, multi-position or norm.", metavar="METHOD")],
     recording: options.RecordingFile,
     plan: options.PlanFile = None,
     out: Annotated[Path | None, typer.Option("--out", help="Calibration file to write (JSON).")] = None,
@@ -90,7 +82,7 @@ def calibrate(
 ) -> None:
     """Calibrate a unit from a recording.
 
-    METHOD is four-position, multi-position or norm; norm without segments in the plan is for a unit turned by hand.
+    The method norm without segments in the plan, or without plan, is for a unit turned by hand.
     """
     from ..calibrate import calibrate as run
 
@@ -98,11 +90,11 @@ def calibrate(
     options.check_picture(plot)
     done = options.plan_with(plan, gravity, latitude, height)
     opened = options.open_with(recording, done, units, scale, names)
-    if method is Method.norm and (done is None or not done.segment) and "gyro" in opened.has:
+    if method == "norm" and (done is None or not done.segment) and "gyro" in opened.has:
         from .terminal import announce_compilation
 
         announce_compilation()
-    result = run(method.value, opened, done, matrix=matrix.value, robust=robust, threshold=static_threshold)
+    result = run(method, opened, done, matrix=matrix.value, robust=robust, threshold=static_threshold)
     if out is not None:
         result.save(out)
     if plot is not None:

@@ -1,6 +1,6 @@
 """The one estimator: whitened Gauss-Newton with priors, and every answer a laboratory asks of it.
 
-Notation (methods: one estimator)
+Notation
     p        parameters, named; some with a prior, some nuisance
     r(p)     whitened residual, observed minus predicted over its standard deviation
     J        dr/dp

@@ -47,7 +47,9 @@ def judge(
     p_value = float(chdtrc(dof, chi2)) if dof > 0 else 1.0
     consistent = noise_known and p_value >= CONSISTENT
     factor = 1.0 if consistent else max(chi2 / max(dof, 1), 0.0 if not noise_known else 1.0)
-    refuse_vague(values / np.sqrt(factor) if factor > 0 else values, right, scale, names)
+    refuse_vague(
+        values / np.sqrt(factor) if factor > 0 else values, right, scale, names, np.sqrt(factor) if noise_known else 1.0
+    )
     moves, cluster = _delete_one(rows, white, len(segments))
     _, prior_jac = prior_rows(parameters, x)
     beforehand = white @ (prior_jac.T @ prior_jac) @ white  # what the priors' own uncertainty contributes

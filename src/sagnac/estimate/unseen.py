@@ -10,6 +10,7 @@ from ..errors import DataError
 from .problem import Array, Parameter, Rows, stacked
 
 _RANK = 1e-9
+_MISFIT = 5.0
 
 
 def null_space(jacobian: Array, names: Sequence[str], threshold: float = _RANK) -> tuple[float, list[str]]:
@@ -74,13 +75,22 @@ def refuse_unseen(parameters: Sequence[Parameter], rows: Rows) -> float:
     return condition
 
 
-def refuse_vague(values: Array, right: Array, scale: Array, names: Sequence[str]) -> None:
-    """Refuse a combination that is seen in principle but left wider than anything of use."""
+def refuse_vague(values: Array, right: Array, scale: Array, names: Sequence[str], misfit: float) -> None:
+    """Refuse a combination that is seen in principle but left wider than anything of use.
+
+    `misfit` is the size of the residuals in units of what the stated noise allows: far above one, the model is at fault
+    rather than the choice of positions.
+    """
     vague = [
         f"{combination(v * scale, names)} (left uncertain by {1 / s:.2g} of what would be of any use)"
         for s, v in zip(values, right, strict=True)
         if s < 1.0
     ]
+    if vague and misfit > _MISFIT:
+        raise DataError(
+            f"the readings miss the model by {misfit:.3g} times what noise and stated uncertainty allow, which leaves nothing of "
+            "use: check angles, rates, times and units of the plan against what was done, and the table's stated uncertainty"
+        )
     if vague:
         raise DataError(
             f"the data say next to nothing about: {'; '.join(vague)}. Add positions or rates that excite it."
