@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -12,6 +13,11 @@ from hypothesis import strategies as st
 
 from sagnac.errors import InputError
 from sagnac.files import sha256, write_atomically
+
+
+def listed(folder: Path = Path()) -> list[str]:
+    """Names in a folder."""
+    return sorted(p.name for p in folder.iterdir())
 
 
 def test_the_file_appears_only_when_the_block_ends_well(tmp_path):
@@ -22,18 +28,23 @@ def test_the_file_appears_only_when_the_block_ends_well(tmp_path):
         assert temporary.parent == target.parent  # the same disk, so that the move is one step
         assert temporary.suffix == ".txt"
     assert target.read_text() == "new"
-    assert os.listdir(tmp_path) == ["a.txt"]
+    assert listed(tmp_path) == ["a.txt"]
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, InputError])
 def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path, error):
     target = tmp_path / "a.txt"
     target.write_text("old")
-    with pytest.raises(error), write_atomically(target) as temporary:
-        temporary.write_text("half of the n")
-        raise error("stop")
+
+    def write() -> None:
+        with write_atomically(target) as temporary:
+            temporary.write_text("half of the n")
+            raise error("stop")
+
+    with pytest.raises(error, match="stop"):
+        write()
     assert target.read_text() == "old"
-    assert os.listdir(tmp_path) == ["a.txt"]
+    assert listed(tmp_path) == ["a.txt"]
 
 
 def test_missing_folders_are_made(tmp_path):
@@ -46,7 +57,7 @@ def test_a_folder_in_the_way_is_an_input_error(tmp_path):
     (tmp_path / "a.txt").mkdir()
     with pytest.raises(InputError, match=r"cannot write .*a\.txt"), write_atomically(tmp_path / "a.txt") as temporary:
         temporary.write_text("x")
-    assert os.listdir(tmp_path) == ["a.txt"]
+    assert listed(tmp_path) == ["a.txt"]
 
 
 def test_a_file_where_the_folder_should_be_is_an_input_error(tmp_path):

@@ -252,7 +252,8 @@ def test_any_bytes_are_a_plan_or_a_told_error(data):
     try:
         read(data)
     except SagnacError as error:
-        assert "plan.toml: " in str(error)
+        if "plan.toml: " not in str(error):
+            raise
 
 
 @given(st.integers(0, len(EXAMPLE)), st.integers(0, len(EXAMPLE)), st.text(max_size=5))
@@ -260,7 +261,8 @@ def test_any_damage_to_the_example_is_a_plan_or_a_told_error(a, b, put):
     try:
         read((EXAMPLE[: min(a, b)] + put + EXAMPLE[max(a, b) :]).encode("utf-8", "replace"))
     except SagnacError as error:
-        assert "plan.toml: " in str(error)
+        if "plan.toml: " not in str(error):
+            raise
 
 
 # ---------------------------------------------------------------------------------------------- site and Python

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import subprocess
 import sys
@@ -164,16 +165,15 @@ def test_any_text_is_a_number_or_an_input_error(text, kind):
     try:
         assert math.isfinite(units.parse(text, kind))
     except InputError as error:
-        assert str(error).startswith("the value: ")
+        if not str(error).startswith("the value: "):
+            raise
 
 
 @given(st.text("0123456789^*()/. _-gmsHzradeg²³⁹sqrt", max_size=60), st.sampled_from(sorted(units.KINDS)))
 @example("m squared squared squared squared", "length")
 def test_texts_that_look_like_units_never_hang(text, kind):
-    try:
+    with contextlib.suppress(InputError):
         units.factor(text, kind)
-    except InputError:
-        pass
 
 
 POWERS_OF_POWERS = [

@@ -32,7 +32,9 @@ def numbers(path: Path, numeric=NUMERIC, other=()) -> np.ndarray:
     pieces = list(open_table(path).read(numeric, other))
     if not pieces:
         return np.zeros((0, len(numeric)))
-    return np.column_stack([np.concatenate([p.column(i).to_numpy() for p in pieces]) for i in range(len(numeric))])
+    return np.column_stack(
+        [np.concatenate([p.column(i).to_numpy(zero_copy_only=False) for p in pieces]) for i in range(len(numeric))]
+    )
 
 
 def refusal(path: Path, numeric=NUMERIC, other=()) -> str:
@@ -184,7 +186,8 @@ def test_any_bytes_are_a_table_or_a_told_error(tmp_path, data):
         table = open_table(path)
         numbers(path, list(table.columns[:2]), list(table.columns[2:]))
     except SagnacError as error:
-        assert str(error).startswith(f"{path}: ")
+        if not str(error).startswith(f"{path}: "):
+            raise
 
 
 @given(st.integers(0, len(TEXT)), st.integers(0, 30), st.binary(max_size=6))
@@ -194,7 +197,8 @@ def test_any_damage_is_a_table_or_a_told_error(tmp_path, at, cut, put_in):
         table = open_table(path)
         numbers(path, list(table.columns[:3]), list(table.columns[3:]))
     except SagnacError as error:
-        assert str(error).startswith(f"{path}: ")
+        if not str(error).startswith(f"{path}: "):
+            raise
 
 
 def test_memory_does_not_grow_with_the_file(tmp_path):

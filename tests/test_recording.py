@@ -1,0 +1,433 @@
+"""Recordings: from columns with units to SI, sample by sample, and every refusal in words."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pyarrow import parquet
+
+from sagnac.errors import InputError, SagnacError
+from sagnac.formats import csv as csv_format
+from sagnac.formats import parquet as parquet_format
+from sagnac.recording import from_arrays, header_parts, nominal_scale, open_recording, sample_interval
+
+G = 9.80665
+DEG = math.pi / 180
+AXES = [f"{s}_{a}" for s in ("accel", "gyro") for a in "xyz"]
+HEADER = ["time [s]", *(f"accel_{a} [g]" for a in "xyz"), *(f"gyro_{a} [deg/s]" for a in "xyz")]
+N = 200
+RAW = np.column_stack([np.arange(1, N + 1) * 0.01, np.random.default_rng(3).normal(size=(N, 6))])
+
+
+def csv(path: Path, raw=RAW, header=HEADER) -> Path:
+    lines = [",".join(header), *(",".join(v if isinstance(v, str) else repr(float(v)) for v in row) for row in raw)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def rows() -> list[list[float | str]]:
+    return RAW.tolist()
+
+
+@pytest.fixture
+def log(tmp_path):
+    return tmp_path / "log.csv"
+
+
+def refusal(path, **options) -> str:
+    with pytest.raises(InputError) as caught:
+        open_recording(path, **options).read()
+    return str(caught.value)
+
+
+# ------------------------------------------------------------------------------------------------ what comes out
+
+
+def test_csv_parquet_and_arrays_agree_to_the_last_bit(tmp_path, monkeypatch):
+    monkeypatch.setattr(csv_format, "_BLOCK", 2000)
+    monkeypatch.setattr(parquet_format, "_ROWS", 33)
+    table = {name: RAW[:, i] for i, name in enumerate(HEADER)}
+    parquet.write_table(pa.table(table), tmp_path / "log.parquet")
+    by_text = open_recording(csv(tmp_path / "log.csv")).read()
+    by_parquet = open_recording(tmp_path / "log.parquet").read()
+    in_memory = from_arrays(RAW[:, 0], RAW[:, 1:4] * G, RAW[:, 4:] * DEG).read()
+    for batch in (by_text, by_parquet):
+        np.testing.assert_array_equal(batch.time, in_memory.time)
+        np.testing.assert_array_equal(batch.accel, in_memory.accel)
+        np.testing.assert_array_equal(batch.gyro, in_memory.gyro)
+
+
+def test_the_order_of_columns_and_further_columns_do_not_matter(log):
+    order = [5, 0, 3, 1, 6, 2, 4]
+    raw = [[*(row[i] for i in order), "word"] for row in rows()]
+    csv(log, raw, [*(HEADER[i] for i in order), "remark [furlong]"])
+    recording = open_recording(log)
+    assert recording.other == ("remark [furlong]",)
+    np.testing.assert_array_equal(recording.read().accel, RAW[:, 1:4] * G)
+    np.testing.assert_array_equal(recording.read().gyro, RAW[:, 4:] * DEG)
+
+
+@pytest.mark.parametrize(("sensor", "columns"), [("accel", [0, 1, 2, 3]), ("gyro", [0, 4, 5, 6])])
+def test_one_triad_is_enough(log, sensor, columns):
+    recording = open_recording(csv(log, RAW[:, columns].tolist(), [HEADER[i] for i in columns]))
+    assert recording.has == {sensor}
+    other = "gyro" if sensor == "accel" else "accel"
+    assert getattr(recording.read(), other) is None
+    with pytest.raises(InputError, match=f"this method needs the columns {other}_x, {other}_y, {other}_z"):
+        recording.need(other)
+
+
+def test_rig_columns(log):
+    # water freezes at 273.15 K; a right angle is pi/2
+    header = [*HEADER, "outer [deg]", "middle [rad]", "temperature [degC]", "arm [arcsec]"]
+    batch = open_recording(csv(log, [[*r, 90.0, 1.5, 0.0, 648000.0] for r in rows()], header)).read()
+    assert batch.rig["outer"] == pytest.approx(np.full(N, math.pi / 2), rel=1e-15)
+    assert batch.rig["middle"] == pytest.approx(np.full(N, 1.5), rel=1e-15)
+    assert batch.rig["temperature"] == pytest.approx(np.full(N, 273.15), rel=1e-15)
+    assert batch.rig["arm"] == pytest.approx(np.full(N, math.pi), rel=1e-15)
+
+
+@pytest.mark.parametrize(("unit", "kelvin"), [("degC", 293.15), ("°C", 293.15), ("K", 20.0), ("degF", 266.4833333333)])
+def test_temperature_units(log, unit, kelvin):
+    # 20 degF is (20 - 32) * 5 / 9 = -6.667 degC
+    batch = open_recording(csv(log, [[*r, 20.0] for r in rows()], [*HEADER, f"temperature [{unit}]"])).read()
+    assert batch.rig["temperature"][0] == pytest.approx(kelvin, rel=1e-12)
+
+
+def test_units_from_outside(log):
+    csv(log, rows(), ["time", *AXES])
+    batch = open_recording(log, units_of={"time": "s", "accel": "g", "gyro": "deg/s", "gyro_y": "rad/s"}).read()
+    np.testing.assert_array_equal(batch.accel, RAW[:, 1:4] * G)
+    np.testing.assert_array_equal(batch.gyro, RAW[:, 4:] * [DEG, 1, DEG])
+
+
+@pytest.mark.parametrize("own", ["AX", "AX [g]"])
+def test_other_names(log, own):
+    csv(log, rows(), ["t [s]", "AX [g]", *HEADER[2:]])
+    batch = open_recording(log, rename={"accel_x": own, "time": "t"}).read()
+    np.testing.assert_array_equal(batch.accel, RAW[:, 1:4] * G)
+
+
+def test_axes_may_be_exchanged(log):
+    swapped = {"accel_x": "accel_y", "accel_y": "accel_x"}
+    batch = open_recording(csv(log), rename=swapped).read()
+    np.testing.assert_array_equal(batch.accel, RAW[:, [2, 1, 3]] * G)
+
+
+def test_a_second_unit_in_the_file_is_chosen_by_name(log):
+    csv(log, [[*r, 7.0] for r in rows()], [*HEADER, "accel_x [m/s^2]"])
+    assert open_recording(log, rename={"accel_x": "accel_x [m/s^2]"}).read().accel[0, 0] == 7.0
+    assert open_recording(log, rename={"accel_x": "accel_x [g]"}).read().accel[0, 0] == RAW[0, 1] * G
+
+
+@pytest.mark.parametrize(
+    ("column", "parts"),
+    [
+        ("accel_x [g]", ("accel_x", "g")),
+        ("accel_x[m/s^2] ", ("accel_x", "m/s^2")),
+        ("accel_x", ("accel_x", None)),
+        ("accel_x []", ("accel_x", "")),
+        ("[g]", ("", "g")),
+        ("a [b] c", ("a [b] c", None)),
+        ("a [b] [c]", ("a [b] [c]", None)),
+        ("accel_x" + " " * 50_000 + "b", ("accel_x" + " " * 50_000 + "b", None)),  # at once, not after hours
+    ],
+)
+def test_header_parts(column, parts):
+    assert header_parts(column) == parts
+
+
+# ---------------------------------------------------------------------------------------------- counts and pulses
+
+
+def test_counts_without_a_scale_stay_counts(log):
+    header = ["time [s]", *(f"{a} [LSB]" for a in AXES)]
+    recording = open_recording(csv(log, header=header))
+    assert recording.counts == {"accel", "gyro"}
+    assert not recording.scale
+    np.testing.assert_array_equal(recording.read().accel, RAW[:, 1:4])
+
+
+@pytest.mark.parametrize(
+    ("text", "sensor", "factor", "increment"),
+    [
+        ("16384 LSB/g", "accel", G / 16384, False),
+        ("131 LSB/(deg/s)", "gyro", DEG / 131, False),
+        ("131 count*s/deg", "gyro", DEG / 131, False),
+        ("1.1866 pulse/arcsec", "gyro", DEG / 3600 / 1.1866, True),
+        ("1.1866pulse/arcsec", "gyro", DEG / 3600 / 1.1866, True),
+        ("10800 pulse/g/s", "accel", G / 10800, True),
+        ("500 pulse/(m/s)", "accel", 1 / 500, True),
+        ("-131 LSB/(deg/s)", "gyro", -DEG / 131, False),  # an axis that points the other way
+    ],
+)
+def test_nominal_scale(text, sensor, factor, increment):
+    value, counted = nominal_scale(text, sensor, "here")
+    assert value == pytest.approx(factor, rel=1e-14)
+    assert counted is increment
+
+
+@pytest.mark.parametrize(
+    ("text", "sensor", "says"),
+    [
+        ("16384", "accel", "is no count per input; write for example 16384 LSB/g or 10800 pulse/g/s"),
+        ("16384 g/LSB", "accel", "is no count per input"),
+        ("131 LSB/(deg/s)", "accel", "is no count per input"),
+        ("16384 LSB/g", "gyro", "write for example 131 LSB/(deg/s) or 1.1866 pulse/arcsec"),
+        ("0 LSB/g", "accel", "is no scale that a sensor has"),
+        ("5e-324 LSB/g", "accel", "is no scale that a sensor has"),
+        ("1e200 LSB/g", "accel", "is no scale that a sensor has"),
+        ("many LSB/g", "accel", "cannot read 'many LSB/g' as a number with a unit"),
+    ],
+)
+def test_scales_that_are_none(text, sensor, says):
+    with pytest.raises(InputError) as caught:
+        nominal_scale(text, sensor, "here")
+    assert "here: scale" in str(caught.value)
+    assert says in str(caught.value)
+
+
+def test_pulses_are_rates_over_the_sample_interval(log):
+    # 10 pulses in 0.01 s at 2 pulse/arcsec are 500 arcsec/s; 5 pulses at 1000 pulse/g/s are 0.5 g
+    header = ["time [s]", *(f"{a} [pulse]" for a in AXES)]
+    csv(log, [[r[0], 5, 5, 5, 10, 10, 20] for r in rows()], header)
+    scale = {"accel": "1000 pulse/g/s", "gyro": "2 pulse/arcsec", "gyro_z": "4 pulse/arcsec"}
+    recording = open_recording(log, scale=scale)
+    assert recording.increments == {"accel", "gyro"}
+    assert recording.counts == frozenset()
+    assert recording.scale == scale
+    batch = recording.read()
+    assert batch.accel == pytest.approx(np.full((N, 3), 0.5 * G), rel=1e-12)
+    assert batch.gyro == pytest.approx(np.full((N, 3), 500 * DEG / 3600), rel=1e-12)
+
+
+def test_levels_and_pulses_in_one_file(log):
+    header = ["time [s]", *(f"{a} [LSB]" for a in AXES)]
+    csv(log, [[r[0], 16384, 0, 0, 10, 0, 0] for r in rows()], header)
+    recording = open_recording(log, scale={"accel": "16384 LSB/g", "gyro": "2 pulse/arcsec"})
+    assert recording.increments == {"gyro"}
+    assert recording.read().accel[0].tolist() == pytest.approx([G, 0, 0], rel=1e-14)
+
+
+def test_the_first_piece_may_hold_one_sample(log, monkeypatch):
+    # two samples say how long pulses were counted, wherever the file happens to be cut
+    header = ["time [s]", *(f"{a} [pulse]" for a in AXES)]
+    csv(log, [[r[0], *[1] * 6] for r in rows()], header)
+    scale = {"accel": "1000 pulse/g/s", "gyro": "2 pulse/arcsec"}
+    whole = open_recording(log, scale=scale).read()
+    monkeypatch.setattr(csv_format, "_BLOCK", len(",".join(header)) + 25)
+    pieces = list(open_recording(log, scale=scale).batches())
+    assert len(pieces) > 2
+    assert [p.row for p in pieces] == list(np.cumsum([1, *(p.time.size for p in pieces[:-1])]))
+    np.testing.assert_allclose(np.concatenate([p.gyro for p in pieces]), whole.gyro, rtol=1e-12)
+
+
+def test_one_sample_alone_cannot_hold_pulses(log):
+    header = ["time [s]", *(f"{a} [pulse]" for a in AXES)]
+    csv(log, [[0.0, *[1] * 6]], header)
+    scale = {"accel": "1000 pulse/g/s", "gyro": "2 pulse/arcsec"}
+    assert "one sample alone cannot say over which time its pulses were counted" in refusal(log, scale=scale)
+
+
+def test_sample_interval_is_the_mean_of_the_steps_without_gaps():
+    time = np.concatenate([np.arange(100) * 0.01, 5 + np.arange(100) * 0.01])
+    assert sample_interval(time) == pytest.approx(0.01, rel=1e-12)
+    # time stamps in whole milliseconds at 3 ms and 1/3: the mean is right where single steps are not
+    time = np.round(np.arange(3000) / 300, 3)
+    assert sample_interval(time) == pytest.approx(1 / 300, rel=1e-4)
+
+
+# ------------------------------------------------------------------------------------------------ columns refused
+
+
+def header_with(**changes: str) -> list[str]:
+    return [changes.get(name.split(" ", maxsplit=1)[0], name) for name in HEADER]
+
+
+@pytest.mark.parametrize(
+    ("header", "says"),
+    [
+        (
+            header_with(accel_x="accel_x"),
+            "log.csv: column 'accel_x' has no unit. Write it in the header (accel_x [g]) or give it with --units accel=g",
+        ),
+        (header_with(gyro_y="gyro_y []"), "(gyro_y [deg/s]) or give it with --units gyro=deg/s"),
+        (header_with(time="time"), "column 'time' has no unit. Write it in the header (time [s]) or give it with"),
+        (header_with(accel_x="accel_x [furlong]"), "column 'accel_x [furlong]': cannot read 'furlong'"),
+        (header_with(accel_x="accel_x [deg/s]"), "'1 deg/s' has deg / s where an acceleration is needed"),
+        (header_with(gyro_x="gyro_x [Hz]"), "has Hz where an angular rate is needed"),
+        (header_with(gyro_x="gyro_x [12]"), "'12' is not a unit"),
+        (header_with(time="time [count]"), "has count where a time is needed"),
+        (header_with(time="when [s]"), "no column 'time [s]'; the columns are: when [s], accel_x [g]"),
+        (header_with(accel_y="acc_y [g]"), "accel lacks accel_y; rename columns with --map"),
+        (header_with(accel_y="accel_x [mg]"), "the columns 'accel_x [g]' and 'accel_x [mg]' are both accel_x"),
+        (header_with(accel_y="accel_x [g]"), "these columns stand more than once in the header: accel_x [g]"),
+        (header_with(accel_x="accel_x [LSB]"), "some accel columns are counts and others are not"),
+        (["time [s]", *"abcdef"], "no sensor columns (accel_x [g], gyro_x [deg/s], ...); rename others with --map"),
+    ],
+)
+def test_headers_that_are_refused(log, header, says):
+    said = refusal(csv(log, header=header))
+    assert says in said
+    assert "log.csv" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"rename": {"accel_w": "AX"}}, "--map accel_w=AX: 'accel_w' is no standard name (time, accel_x,"),
+        ({"rename": {"accel_x": "AX"}}, "has no column 'AX'; it has: time [s], accel_x [g]"),
+        ({"rename": {"accel_x": "gyro_x", "accel_y": "gyro_x"}}, "the column 'gyro_x [deg/s]'"),
+        ({"rename": {"accel_x": "gyro_x", "accel_y": "gyro_x"}}, "is accel_x already"),
+        ({"rename": {"accel_x": "accel_y"}}, "accel lacks accel_y"),
+        ({"units_of": {"acel": "g"}}, "units: acel=g: 'acel' is none of accel, accel_x,"),
+        ({"scale": {"giro": "2 pulse/arcsec"}}, "scale: giro=2 pulse/arcsec: 'giro' is none of accel,"),
+        ({"units_of": {"accel": "m"}}, "has m where an acceleration is needed"),
+    ],
+)
+def test_options_that_are_refused(log, options, says):
+    assert says in refusal(csv(log), **options)
+
+
+def test_an_ambiguous_name_is_refused(log):
+    csv(log, [[*r, 7.0, 8.0] for r in rows()], [*HEADER, "AX [g]", "AX [mg]"])
+    assert "has several such columns: AX [g], AX [mg]; write one in full" in refusal(log, rename={"accel_x": "AX"})
+
+
+# ------------------------------------------------------------------------------------------------ samples refused
+
+BLOCKS = [500, 1 << 24]  # many pieces, and one
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+@pytest.mark.parametrize("row", [1, 2, 100, N])
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [("nan", "missing or not a number"), ("", "missing or not a number"), ("inf", "infinite"), ("-inf", "infinite")],
+)
+@pytest.mark.parametrize("column", [0, 2, 6])
+def test_samples_that_are_not_finite(log, monkeypatch, block, row, value, says, column):
+    monkeypatch.setattr(csv_format, "_BLOCK", block)
+    raw = rows()
+    raw[row - 1][column] = value
+    name = HEADER[column].split(" ", maxsplit=1)[0]
+    assert f"log.csv: row {row}: {name} is {says} (1 such in this part of the file)" in refusal(csv(log, raw))
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+@pytest.mark.parametrize("row", [2, 100, N])
+@pytest.mark.parametrize("step", [0.0, -0.005, -5.0])
+def test_time_that_does_not_increase(log, monkeypatch, block, row, step):
+    monkeypatch.setattr(csv_format, "_BLOCK", block)
+    raw = rows()
+    before = RAW[row - 2, 0]
+    raw[row - 1][0] = before + step
+    said = refusal(csv(log, raw))
+    assert f"row {row}: time goes from {before:.9g} s to {before + step:.9g} s; it must increase" in said
+
+
+def test_time_that_jumps_back_exactly_at_the_end_of_a_piece(tmp_path, monkeypatch):
+    monkeypatch.setattr(parquet_format, "_ROWS", 50)
+    raw = RAW.copy()
+    raw[100:, 0] -= 0.01  # row 101 repeats the time of row 100, the last of the second piece
+    path = tmp_path / "log.parquet"
+    parquet.write_table(pa.table({name: raw[:, i] for i, name in enumerate(HEADER)}), path, row_group_size=50)
+    assert "row 101: time goes from 1 s to 1 s" in refusal(path)
+
+
+@pytest.mark.parametrize("time", [[1.0, 1.0, 1.0], [3.0, 2.0, 1.0], [math.nan] * 3, [math.inf] * 3, [0.0, math.inf, 1]])
+def test_pulses_with_unsound_time_are_refused_for_the_time(log, time):
+    header = ["time [s]", *(f"{a} [pulse]" for a in AXES)]
+    csv(log, [[t, *[1] * 6] for t in time], header)
+    scale = {"accel": "1000 pulse/g/s", "gyro": "2 pulse/arcsec"}
+    assert "time " in refusal(log, scale=scale).split(": ", maxsplit=2)[2]
+
+
+def test_numbers_beyond_all_measure_are_refused_without_a_warning(log):
+    raw = rows()
+    raw[4][2] = 1e308  # g: more than a float holds in m/s^2
+    assert "row 5: accel_y is infinite" in refusal(csv(log, raw))
+
+
+def test_a_word_among_the_numbers(log):
+    raw = rows()
+    raw[41][5] = "word"
+    assert f"{log}: row 42 (line 43): 'gyro_y [deg/s]' is 'word', not a number" in refusal(csv(log, raw))
+
+
+def test_no_samples(log):
+    assert refusal(csv(log, [])) == f"{log}: no samples"
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_after_a_sound_header_are_read_or_refused(tmp_path, data):
+    path = tmp_path / "fuzz.csv"
+    path.write_bytes((",".join(HEADER) + "\n0.1,1,2,3,4,5,6\n").encode() + data)
+    try:
+        batch = open_recording(path).read()
+        assert np.isfinite(batch.accel).all()
+        assert (np.diff(batch.time) > 0).all()
+    except SagnacError as error:
+        if str(path) not in str(error):
+            raise
+
+
+@given(st.integers(1, 20_000))
+def test_a_log_cut_anywhere_is_read_or_refused(tmp_path, size):
+    path = csv(tmp_path / "whole.csv")
+    data = path.read_bytes()
+    path.write_bytes(data[: min(size, len(data))])
+    try:
+        batch = open_recording(path).read()
+        # what is read well is the beginning of what was written, but for the last number, which may have lost its end
+        np.testing.assert_array_equal(batch.time[:-1], RAW[: batch.time.size - 1, 0])
+    except SagnacError as error:
+        if str(path) not in str(error):
+            raise
+
+
+@given(
+    st.lists(st.text(max_size=12), min_size=1, max_size=5), st.dictionaries(st.text(max_size=8), st.text(max_size=8))
+)
+def test_any_header_and_options_are_read_or_refused(tmp_path, names, options):
+    path = tmp_path / "fuzz.csv"
+    path.write_text(",".join(names) + "\n" + ",".join("1" for _ in names) + "\n", encoding="utf-8", errors="replace")
+    for use in ({"rename": options}, {"units_of": options}, {"scale": options}, {}):
+        with pytest.raises(SagnacError):
+            open_recording(path, **use).read()
+
+
+# ---------------------------------------------------------------------------------------------------- from memory
+
+
+@pytest.mark.parametrize(
+    ("time", "accel", "rig", "says"),
+    [
+        ([0.0, 1.0], np.zeros((3, 3)), None, "accel has shape (3, 3), time has 2 samples"),
+        ([0.0, 1.0], np.zeros(2), None, "accel has shape (2,)"),
+        ([[0.0], [1.0]], np.zeros((2, 3)), None, "time has shape (2, 1), not (n,)"),
+        (["a", "b"], np.zeros((2, 3)), None, "time: cannot read as numbers"),
+        ([0.0, 1.0], [["a"] * 3] * 2, None, "accel: cannot read as numbers"),
+        ([0.0, 1.0], np.zeros((2, 3)), {"outer": [1.0]}, "outer has shape (1,), time has 2 samples"),
+    ],
+)
+def test_arrays_that_do_not_fit(time, accel, rig, says):
+    with pytest.raises(InputError) as caught:
+        from_arrays(time, accel, name="mine", rig=rig)
+    assert str(caught.value).startswith("mine: ")
+    assert says in str(caught.value)
+
+
+def test_arrays_are_checked_like_files():
+    with pytest.raises(InputError, match="mine: row 2: time goes from 1 s to 1 s"):
+        from_arrays([1.0, 1.0], np.zeros((2, 3)), name="mine").read()
+    with pytest.raises(InputError, match="mine: row 2: accel_z is infinite"):
+        from_arrays([1.0, 2.0], [[0, 0, 0], [0, 0, math.inf]], name="mine").read()
+    with pytest.raises(InputError, match="mine: no samples"):
+        from_arrays([], np.zeros((0, 3)), name="mine").read()
