@@ -25,7 +25,7 @@ def test_every_parameter_is_right(demo):
 
 
 def test_every_error_is_at_most_the_published_one(demo):
-    """All 21 published parameters, to the published digits. Five minutes of the published noise a position: see the demo's text."""
+    """All 21 published parameters, to the published digits; five minutes of the published noise a position."""
     result, said = demo
     for name in PUBLISHED_NORM:
         value, half_digit = published_norm(name)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -79,6 +80,16 @@ class Demo:
     multi_position: Calibration
     verification: Verification
     folder: Path
+
+    def to_dict(self) -> dict[str, Any]:
+        """Truth, results and verdict as a plain table for JSON."""
+        results = {"norm": self.norm, "multi-position": self.multi_position}
+        return {
+            "folder": str(self.folder),
+            "truth": self.truth,
+            **{m: {p.name: [p.value, p.standard_uncertainty] for p in c.parameters} for m, c in results.items()},
+            "passed": self.verification.passed,
+        }
 
 
 def run(folder: str | Path = "sagnac-demo", *, seed: int = 1, say: Callable[[str], None] = print) -> Demo:

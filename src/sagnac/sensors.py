@@ -179,6 +179,8 @@ def correction(values: Mapping[str, float], kind: str) -> Correction | None:
     for name, value in own.items():
         _, term, axes = name.split(".") if name.count(".") == 2 else (kind, "", "")
         at = tuple(AXES.find(a) for a in axes)
+        if min(at, default=-1) < 0 or (term == "misalignment" and len(set(at)) < len(at)):
+            term = ""
         if term in ("scale_error", "scale_factor") and len(at) == 1:
             matrix[at[0], at[0]] = value if counts else 1.0 + value
         elif term == "misalignment" and len(at) == 2:
@@ -227,25 +229,29 @@ def invert(model: Correction, readings: Array, specific_force: Array | None = No
     out = raw @ inverse.T
     if not np.any(model.quadratic):
         return out
-    gain = np.diag(model.matrix) if model.counts else np.ones(3)
-    for _ in range(60):  # fixed point of u = S^-1 (raw - K2 a_I^2), a contraction while 2 K2 a_I << 1
-        along = out @ model.matrix.T / gain
-        new = (raw - gain * model.quadratic * along**2) @ inverse.T
-        done = np.all(np.abs(new - out) <= 4e-16 * (1.0 + np.abs(new)))
-        out = new
-        if done:
-            return out
+    with np.errstate(over="ignore", invalid="ignore"):  # a diverging iteration is refused below
+        for _ in range(60):  # fixed point of u = S^-1 (raw - K2 a_I^2), a contraction while 2 K2 a_I << 1
+            new = (raw - _squared(model, out @ model.matrix.T)) @ inverse.T
+            done = np.all(np.abs(new - out) <= 4e-16 * (1.0 + np.abs(new)))
+            out = new
+            if done:
+                return out
     raise DataError("the quadratic accelerometer term is too large for these readings: no input explains them")
 
 
 def forward(model: Correction, u: Array, specific_force: Array | None = None) -> Array:
     """Readings for an input, the inverse of :func:`invert` (same shapes)."""
     along = u @ model.matrix.T
-    gain = np.diag(model.matrix) if model.counts else np.ones(3)
-    out = along + model.bias + gain * model.quadratic * (along / gain) ** 2
+    out = along + model.bias + _squared(model, along)
     if specific_force is not None:
         out = out + specific_force @ model.g_matrix.T
     return out
+
+
+def _squared(model: Correction, along: Array) -> Array:
+    """Quadratic term of readings whose linear part is `along`: K2 a_I^2, in counts times the gain."""
+    gain = np.diag(model.matrix)
+    return np.asarray((gain if model.counts else 1.0) * model.quadratic * (along / gain) ** 2)
 
 
 def signed_permutation(matrix: Array) -> tuple[tuple[int, int, int], tuple[int, int, int]]:

@@ -201,7 +201,6 @@ def test_pulses_carry_their_residue():
     assert time.size == 43 * 50
 
 
-@pytest.mark.xfail(reason="levels with a scale are taken half an interval before their time stamp, as pulses are")
 def test_levels_are_rounded_where_the_scale_is_a_level():
     unit = silent({"accel": "16384 LSB/g"})
     plan = short_plan(unit)

@@ -48,11 +48,15 @@ def _root(
 def demo(
     out: Annotated[Path, typer.Option("--out", help="Folder for recordings, results and plots.")] = Path("sagnac-demo"),
     seed: Annotated[int, typer.Option(min=0, help="Of the simulation.")] = 1,
+    as_json: options.Json = False,
 ) -> None:
     """Run the main job end to end on a simulated laser-gyro unit."""
     from ..demo import run
+    from .terminal import note
 
-    run(out, seed=seed, say=typer.echo)
+    done = run(out, seed=seed, say=note if as_json else typer.echo)
+    if as_json:
+        typer.echo(json.dumps(done.to_dict(), indent=1))
 
 
 @app.command(

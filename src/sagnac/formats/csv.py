@@ -13,7 +13,7 @@ from typing import Any
 from ..errors import InputError
 from .table import Table
 
-_BLOCK = 1 << 24  # bytes read at a time: what bounds the memory
+_BLOCK = 1 << 23  # bytes read at a time: what bounds the memory
 _HEADER = 1 << 16
 _LINE = re.compile(r"\r\n|\n|\r")  # what pyarrow takes for the end of a line, and no more
 _SHAPE = re.compile(r"Expected (\d+) columns, got \d+")

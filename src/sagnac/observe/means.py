@@ -96,11 +96,14 @@ class _Sums:
     first: float = np.nan
     last: float = np.nan
     lost: float = 0.0
+    gaps: int = 0
     steps: int = 0
     reference: Array = field(default_factory=lambda: np.zeros(0))
     previous: Array = field(default_factory=lambda: np.zeros(0))
     block_sum: Array = field(default_factory=lambda: np.zeros(0))
     block_count: Array = field(default_factory=lambda: np.zeros(_BLOCKS))
+    shape: Array = field(default_factory=lambda: np.zeros((_BLOCKS, 3)))
+    """Sums over each block of time, and of cosine and sine of the turn: what is no noise goes like these."""
     squared_steps: Array = field(default_factory=lambda: np.zeros(0))
     low: Array = field(default_factory=lambda: np.zeros(0))
     high: Array = field(default_factory=lambda: np.zeros(0))
@@ -117,14 +120,20 @@ class _Sums:
             self.at_low, self.at_high = np.zeros(self.axes), np.zeros(self.axes)
             self.finest = np.full(self.axes, np.inf)
             self.first = self.last = float(time[0])
-        gaps = np.diff(time, prepend=self.last)
-        self.lost += float(gaps[gaps > GAP * interval].sum())
+        steps = np.diff(time, prepend=self.last)
+        wide = steps > GAP * interval
+        self.lost, self.gaps = self.lost + float(steps[wide].sum()), self.gaps + int(wide.sum())
         span = self.segment.stop - self.segment.start
         block = np.clip(((time - self.segment.start) / span * _BLOCKS).astype(int), 0, _BLOCKS - 1)
         edges = np.searchsorted(block, np.arange(_BLOCKS))
         present = np.flatnonzero(np.diff(edges, append=time.size) > 0)
         self.block_sum[present] += np.add.reduceat(values - self.reference, edges[present], axis=0)
         self.block_count += np.diff(edges, append=time.size)
+        when = time - self.segment.start
+        turn = self.segment.outer_rate * when
+        known = [when, np.cos(turn), np.sin(turn)] if self.segment.outer_rate else [when]
+        for i, values_of in enumerate(known):
+            self.shape[present, i] += np.add.reduceat(values_of, edges[present])
         self._extremes(values)
         steps = np.abs(np.diff(values, axis=0, prepend=self.previous[None]))
         self.squared_steps += (steps**2).sum(axis=0)
@@ -152,14 +161,14 @@ class _Sums:
         """Noise density squared from full blocks, and the degrees of freedom it rests on."""
         usual = self.count / _BLOCKS
         full = np.flatnonzero(self.block_count >= max(0.8 * usual, 1.0))
-        columns = 4 if self.segment.outer_rate else 2
-        dof = full.size - columns
+        columns = 3 if self.segment.outer_rate else 1
+        dof = full.size - columns - 1
         if self.count < _BLOCKS or dof < 2:
             return np.zeros(self.axes), 0
         means = self.block_sum[full] / self.block_count[full][:, None]
-        phase = (full + 0.5) / _BLOCKS
-        turn = self.segment.outer_rate * (self.segment.stop - self.segment.start) * phase
-        design = np.column_stack([np.ones(full.size), phase - 0.5, np.cos(turn), np.sin(turn)])[:, :columns]
+        shape = self.shape[full, :columns] / self.block_count[full][:, None]
+        shape[:, 0] /= shape[:, 0].max()
+        design = np.column_stack([np.ones(full.size), shape])
         residual = means - design @ np.linalg.lstsq(design, means, rcond=None)[0]
         return (residual**2).sum(axis=0) / dof * usual * interval, dof
 
@@ -261,7 +270,8 @@ def _gather(
 ) -> SegmentMeans:
     count = np.array([p.count for p in sums])
     steps = np.array(
-        [(p.last - p.first - p.lost) / max(p.count - 1, 1) if p.count > 1 else np.nan for p in sums], dtype=float
+        [(p.last - p.first - p.lost) / max(p.count - 1 - p.gaps, 1) if p.count > 1 else np.nan for p in sums],
+        dtype=float,
     )
     single = count == 1
     steps[single] = [p.segment.stop - p.segment.start for p in sums if p.count == 1]

@@ -142,7 +142,8 @@ def averaging(turned: Array, count: Array) -> Array:
     n = np.asarray(count, dtype=float)
     small = np.abs(np.sin(half)) < 1e-9
     safe = np.where(small, 1.0, np.sin(half))
-    return np.where(small, 1.0, np.sin(n * half) / (n * safe))
+    # whole turns from sample to sample look like standing still, or like alternating
+    return np.where(small, np.cos(n * half) / np.cos(half), np.sin(n * half) / (n * safe))
 
 
 def mean_inputs(angles: Array, outer_rate: Array, turned: Array, count: Array, site: Site) -> tuple[Array, Array]:

@@ -161,16 +161,24 @@ def simulate_recording(
     count = int(np.floor((plan.segment[-1].stop + 1.0) * frequency))
     time = np.arange(1, count + 1) / frequency
     # pulses are counted over the interval before the time stamp, other readings are taken at it
-    angles, rates = motion(plan, table, time - 0.5 / frequency if unit.pulses else time)
-    samples = readings(unit, *inputs(angles, rates, site_of(plan), table.errors))
+    samples = {}
     for sensor, density in (("accel", unit.accel_density), ("gyro", unit.gyro_density)):
-        samples[sensor] += density * np.sqrt(frequency) * rng.standard_normal((count, 3))
-        for i, axis in enumerate(SENSORS[sensor]):
-            text = unit.pulses.get(axis, unit.pulses.get(sensor))
-            if text is not None:
-                factor, increment = nominal_scale(text, sensor, axis)
-                samples[sensor][:, i] = _pulses(samples[sensor][:, i] / factor, 1 / frequency if increment else None)
+        scales = [_scale(unit, sensor, axis) for axis in SENSORS[sensor]]
+        summed = any(increment for _, increment in scales)
+        angles, rates = motion(plan, table, time - 0.5 / frequency if summed else time)
+        values = readings(unit, *inputs(angles, rates, site_of(plan), table.errors))[sensor]
+        values += density * np.sqrt(frequency) * rng.standard_normal((count, 3))
+        for i, (factor, increment) in enumerate(scales):
+            if factor:
+                values[:, i] = _pulses(values[:, i] / factor, 1 / frequency if increment else None)
+        samples[sensor] = values
     return time, samples
+
+
+def _scale(unit: SimulatedUnit, sensor: str, axis: str) -> tuple[float, bool]:
+    """Worth of a count and whether counts are summed over the interval; (0, False) for readings in SI."""
+    text = unit.pulses.get(axis, unit.pulses.get(sensor))
+    return nominal_scale(text, sensor, axis) if text is not None else (0.0, False)
 
 
 def _pulses(values: Array, interval: float | None) -> Array:
