@@ -16,8 +16,8 @@ from ..errors import DataError
 from ..frames import Array
 from ..plan import Plan, Segment
 from ..recording import GAP, SENSORS, Batch, Recording, sample_interval
+from .sums import BLOCKS, Sums
 
-_BLOCKS = 16
 _STUCK = 10  # equal samples that no noisy axis shows by chance
 _FROZEN_SHARE = 0.2
 _RESOLVED = 1.5  # noise in steps of the converter from which a run of equal samples is suspicious
@@ -85,94 +85,6 @@ def _pulse_variance(pulse: Array) -> Array:
     return np.asarray(pulse**2 / 6.0)
 
 
-@dataclass
-class _Sums:
-    """Running sums of one segment over the axes of all sensors."""
-
-    segment: Segment
-    axes: int
-    count: int = 0
-    time_sum: float = 0.0
-    first: float = np.nan
-    last: float = np.nan
-    lost: float = 0.0
-    gaps: int = 0
-    steps: int = 0
-    reference: Array = field(default_factory=lambda: np.zeros(0))
-    previous: Array = field(default_factory=lambda: np.zeros(0))
-    block_sum: Array = field(default_factory=lambda: np.zeros(0))
-    block_count: Array = field(default_factory=lambda: np.zeros(_BLOCKS))
-    shape: Array = field(default_factory=lambda: np.zeros((_BLOCKS, 3)))
-    """Sums over each block of time, and of cosine and sine of the turn: what is no noise goes like these."""
-    squared_steps: Array = field(default_factory=lambda: np.zeros(0))
-    low: Array = field(default_factory=lambda: np.zeros(0))
-    high: Array = field(default_factory=lambda: np.zeros(0))
-    at_low: Array = field(default_factory=lambda: np.zeros(0))
-    at_high: Array = field(default_factory=lambda: np.zeros(0))
-    finest: Array = field(default_factory=lambda: np.zeros(0))
-
-    def add(self, time: Array, values: Array, interval: float) -> None:
-        if self.count == 0:
-            self.reference, self.previous = values[0].copy(), values[0].copy()
-            self.block_sum = np.zeros((_BLOCKS, self.axes))
-            self.squared_steps = np.zeros(self.axes)
-            self.low, self.high = np.full(self.axes, np.inf), np.full(self.axes, -np.inf)
-            self.at_low, self.at_high = np.zeros(self.axes), np.zeros(self.axes)
-            self.finest = np.full(self.axes, np.inf)
-            self.first = self.last = float(time[0])
-        steps = np.diff(time, prepend=self.last)
-        wide = steps > GAP * interval
-        self.lost, self.gaps = self.lost + float(steps[wide].sum()), self.gaps + int(wide.sum())
-        span = self.segment.stop - self.segment.start
-        block = np.clip(((time - self.segment.start) / span * _BLOCKS).astype(int), 0, _BLOCKS - 1)
-        edges = np.searchsorted(block, np.arange(_BLOCKS))
-        present = np.flatnonzero(np.diff(edges, append=time.size) > 0)
-        self.block_sum[present] += np.add.reduceat(values - self.reference, edges[present], axis=0)
-        self.block_count += np.diff(edges, append=time.size)
-        when = time - self.segment.start
-        turn = self.segment.outer_rate * when
-        known = [when, np.cos(turn), np.sin(turn)] if self.segment.outer_rate else [when]
-        for i, values_of in enumerate(known):
-            self.shape[present, i] += np.add.reduceat(values_of, edges[present])
-        self._extremes(values)
-        steps = np.abs(np.diff(values, axis=0, prepend=self.previous[None]))
-        self.squared_steps += (steps**2).sum(axis=0)
-        self.finest = np.minimum(self.finest, np.where(steps > 0, steps, np.inf).min(axis=0))
-        self.count += time.size
-        self.time_sum += float((time - self.segment.start).sum())
-        self.last, self.previous = float(time[-1]), values[-1].copy()
-
-    def _extremes(self, values: Array) -> None:
-        for bound, at, value in (
-            ("low", "at_low", values.min(axis=0)),
-            ("high", "at_high", values.max(axis=0)),
-        ):
-            old = getattr(self, bound)
-            new = np.minimum(old, value) if bound == "low" else np.maximum(old, value)
-            here = (values == new).sum(axis=0)
-            setattr(self, at, np.where(new == old, getattr(self, at) + here, here))
-            setattr(self, bound, new)
-
-    @property
-    def mean(self) -> Array:
-        return np.asarray(self.reference + self.block_sum.sum(axis=0) / self.count)
-
-    def block_density(self, interval: float) -> tuple[Array, int]:
-        """Noise density squared from full blocks, and the degrees of freedom it rests on."""
-        usual = self.count / _BLOCKS
-        full = np.flatnonzero(self.block_count >= max(0.8 * usual, 1.0))
-        columns = 3 if self.segment.outer_rate else 1
-        dof = full.size - columns - 1
-        if self.count < _BLOCKS or dof < 2:
-            return np.zeros(self.axes), 0
-        means = self.block_sum[full] / self.block_count[full][:, None]
-        shape = self.shape[full, :columns] / self.block_count[full][:, None]
-        shape[:, 0] /= shape[:, 0].max()
-        design = np.column_stack([np.ones(full.size), shape])
-        residual = means - design @ np.linalg.lstsq(design, means, rcond=None)[0]
-        return (residual**2).sum(axis=0) / dof * usual * interval, dof
-
-
 def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
     """Means of every segment of a plan.
 
@@ -195,7 +107,7 @@ def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
     if not plan.segment:
         raise DataError("the plan has no [[segment]]; this method needs to know which samples belong to which position")
     sensors = [s for s in SENSORS if s in recording.has]
-    sums = [_Sums(s, 3 * len(sensors)) for s in plan.segment]
+    sums = [Sums(s, 3 * len(sensors)) for s in plan.segment]
     interval, first, last, gaps = np.nan, np.nan, np.nan, []
     for batch in recording.batches():
         if np.isnan(interval) and batch.time.size > 1:
@@ -221,7 +133,7 @@ def _gaps(batch: Batch, last: float, interval: float) -> list[tuple[float, float
     return [(float(batch.time[i] - steps[i]), float(steps[i])) for i in where]
 
 
-def _refuse_outside(name: str, sums: list[_Sums], first: float, last: float, interval: float) -> None:
+def _refuse_outside(name: str, sums: list[Sums], first: float, last: float, interval: float) -> None:
     slack = GAP * interval if np.isfinite(interval) else 0.0
     if np.isnan(first):
         raise DataError(f"{name}: the recording holds no samples")
@@ -234,7 +146,7 @@ def _refuse_outside(name: str, sums: list[_Sums], first: float, last: float, int
             )
 
 
-def _refuse_saturated(name: str, sums: list[_Sums], sensors: list[str]) -> None:
+def _refuse_saturated(name: str, sums: list[Sums], sensors: list[str]) -> None:
     """An axis that stays on one extreme value while it is noisy elsewhere is saturated or stuck."""
     axes = [a for s in sensors for a in SENSORS[s]]
     noise = np.array([np.sqrt(0.5 * p.squared_steps / max(p.count - 1, 1)) for p in sums])
@@ -262,7 +174,7 @@ def _refuse_saturated(name: str, sums: list[_Sums], sensors: list[str]) -> None:
 
 def _gather(
     recording: Recording,
-    sums: list[_Sums],
+    sums: list[Sums],
     sensors: list[str],
     interval: float,
     gaps: list[tuple[float, float]],
@@ -285,7 +197,7 @@ def _gather(
     for p, dt in zip(sums, steps, strict=True):
         density2, n = p.block_density(dt)
         # what the pulses lost or won at the ends of the blocks add is no noise of the sensor
-        own = np.maximum(density2 - _pulse_variance(worth) / max(p.count * dt / _BLOCKS, 1e-300), 0.1 * density2)
+        own = np.maximum(density2 - _pulse_variance(worth) / max(p.count * dt / BLOCKS, 1e-300), 0.1 * density2)
         found.append((p, own, n))
         squared, weight = squared + n * own, weight + n
     density = np.sqrt(squared / weight) if weight else np.full(3 * len(sensors), np.nan)
@@ -306,12 +218,12 @@ def _gather(
     )
 
 
-def _gap_remarks(gaps: list[tuple[float, float]], sums: list[_Sums]) -> list[str]:
+def _gap_remarks(gaps: list[tuple[float, float]], sums: list[Sums]) -> list[str]:
     inside = [(p.segment.name, t, g) for t, g in gaps for p in sums if p.segment.start <= t and t + g <= p.segment.stop]
     return [f"gap of {g:.3g} s at {t:.6g} s in segment {name!r}: excluded" for name, t, g in inside[:20]]
 
 
-def _restless(found: list[tuple[_Sums, Array, int]], sensors: list[str], worth: Array) -> list[str]:
+def _restless(found: list[tuple[Sums, Array, int]], sensors: list[str], worth: Array) -> list[str]:
     """Segments whose own noise is far above that of the others (knocked, or not yet settled)."""
     usable = [(p, d) for p, d, n in found if n]
     if len(usable) < 4:
@@ -320,7 +232,7 @@ def _restless(found: list[tuple[_Sums, Array, int]], sensors: list[str], worth: 
     usual = np.median([d for _, d in usable], axis=0)
     out = []
     for part, density2 in usable:
-        block = (part.segment.stop - part.segment.start) / _BLOCKS
+        block = (part.segment.stop - part.segment.start) / BLOCKS
         loud = np.flatnonzero(density2 > 6.0 * (usual + _pulse_variance(worth) / block))
         if loud.size and usual[loud[0]] > 0:
             k = int(loud[np.argmax(density2[loud] / usual[loud])])
