@@ -36,9 +36,7 @@ def judge(
     scale = np.array([p.scale for p in parameters])
     names = [p.name for p in parameters]
     condition = refuse_unseen(parameters, rows)
-    _, values, right = np.linalg.svd(jac * scale, full_matrices=False)
-    half = right.T / values * scale[:, None]
-    white = half @ half.T
+    values, right, white = _white(jac, scale)
     # data rows only: a prior so wide that it adds nothing must not pass for an observation that fits
     used_up = float(np.einsum("ni,ij,nj->", rows.jacobian, white, rows.jacobian))
     chi2, dof = float(rows.residual @ rows.residual), rows.residual.size - round(used_up)
@@ -53,18 +51,18 @@ def judge(
     moves, cluster = _delete_one(rows, white, len(segments))
     _, prior_jac = prior_rows(parameters, x)
     beforehand = white @ (prior_jac.T @ prior_jac) @ white  # what the priors' own uncertainty contributes
-    cluster = None if cluster is None else cluster + beforehand
     jackknife = None if moves is None else _jackknife(moves) + beforehand
     covariance, used = (white - beforehand) * factor + beforehand, "white" if consistent else "scaled"
-    if not consistent and jackknife is not None and dof >= _MANY:
+    # fewer segments than parameters span only a part of the parameter space when left out one at a time
+    if not consistent and moves is not None and jackknife is not None and dof >= _MANY and len(moves) > x.size:
         covariance, used = jackknife, "delete-one-segment"
     return Estimate(
         parameters=parameters,
         value=x,
         covariance=covariance,
-        white=np.sqrt(np.diag(white)),
-        cluster=None if cluster is None else np.sqrt(np.diag(cluster)),
-        jackknife=None if jackknife is None else np.sqrt(np.diag(jackknife)),
+        white=_sigma(white),
+        cluster=None if cluster is None else _sigma(cluster + beforehand),
+        jackknife=None if jackknife is None else _sigma(jackknife),
         used=used,
         chi2=chi2,
         p_value=p_value,
@@ -77,6 +75,17 @@ def judge(
         weights=weights,
         gain=-white @ rows.jacobian.T,
     )
+
+
+def _white(jac: Array, scale: Array) -> tuple[Array, Array, Array]:
+    """Singular values and directions of the scaled problem, and (J'J)^-1 from them."""
+    _, values, right = np.linalg.svd(jac * scale, full_matrices=False)
+    half = right.T / values * scale[:, None]
+    return values, right, half @ half.T
+
+
+def _sigma(covariance: Array) -> Array:
+    return np.asarray(np.sqrt(np.diag(covariance)))
 
 
 def _groups(rows: Rows, count: int) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 # readable in print and to the colour-blind (Okabe & Ito)
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
+_STYLE = {"norm": (BLUE, "o"), "multi-position": (ORANGE, "s")}
 _DRAWN = 4000  # points a curve is thinned to, keeping the extremes of each stretch
 
 
@@ -64,43 +65,41 @@ def demo_figure(
     """
     figure = _figure(10.0, 5.2)
     left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
-    colours = {"norm": BLUE, "multi-position": ORANGE}
     y = np.arange(len(names))[::-1]
     left.axvspan(-1, 1, color="#e8f1f8", zorder=0)
     left.axvline(0, color=GREY, linewidth=0.8)
     for shift, (method, values) in zip((0.16, -0.16), errors.items(), strict=False):
-        marker = "o" if method == "norm" else "s"
-        left.errorbar(values, y + shift, xerr=1.0, fmt=marker, ms=4, lw=0.9, color=colours[method], label=method)
+        colour, marker = _STYLE[method]
+        left.errorbar(values, y + shift, xerr=1.0, fmt=marker, ms=4, lw=0.9, color=colour, label=method)
     left.set_yticks(y, names, fontsize=7)
     left.set_xlabel("error / standard uncertainty")
     left.set_xlim(-4, 4)
     left.legend(loc="upper right", fontsize=8, frameon=True)
     left.set_title("one calibration against the truth", fontsize=10, loc="left")
-    seconds = np.degrees(angles) * 3600
-    for method, values in curves.items():
-        marker = "o" if method == "norm" else "s"
-        right.loglog(seconds, values * 1e6, marker=marker, ms=5, color=colours[method], label=f"{method}")
-    for method, values in published.items():
-        marker = "o" if method == "norm" else "s"
-        right.loglog(
-            seconds,
-            values * 1e6,
-            marker=marker,
-            ms=6,
-            mfc="white",
-            ls=":",
-            color=colours[method],
-            label=f"{method}, published",
-        )
-    right.set_xticks([1, 60, 600, 3600, 36000], ['1"', "1'", "10'", "1°", "10°"])
-    right.minorticks_off()
-    right.set_xlabel("angle error of the table")
-    right.set_ylabel("accelerometer scale error, rms [ppm]")
+    _clean(left)
+    ppm = [{m: v * 1e6 for m, v in c.items()} for c in (curves, published)]
+    _angle_panel(right, angles, "accelerometer scale error, rms [ppm]", ppm[0], ppm[1])
     right.set_title("trusting the norm, or the table's angles", fontsize=10, loc="left")
-    right.legend(fontsize=8, frameon=True)
-    for axes in (left, right):
-        _clean(axes)
     return figure
+
+
+def _angle_panel(
+    axes: Any, angles: Array, label: str, ours: Mapping[str, Array], published: Mapping[str, Array]
+) -> None:
+    seconds = np.degrees(angles) * 3600
+    for line, curves, suffix in (("-", ours, ""), (":", published, ", published")):
+        for method, values in curves.items():
+            colour, marker = _STYLE[method]
+            face = "white" if suffix else colour
+            axes.loglog(
+                seconds, np.abs(values), line, marker=marker, ms=6, mfc=face, color=colour, label=method + suffix
+            )
+    axes.set_xticks([1, 60, 600, 3600, 36000], ['1"', "1'", "10'", "1°", "10°"])
+    axes.minorticks_off()
+    axes.set_xlabel("angle error of the table")
+    axes.set_ylabel(label)
+    axes.legend(fontsize=8, frameon=True)
+    _clean(axes)
 
 
 def angle_error_figure(angles: Array, panels: Sequence[tuple[str, Mapping[str, Array], Mapping[str, Array]]]) -> Figure:
@@ -113,28 +112,8 @@ def angle_error_figure(angles: Array, panels: Sequence[tuple[str, Mapping[str, A
         Curves by method, in the unit of the label.
     """
     figure = _figure(5.0 * len(panels), 4.2)
-    colours = {"norm": BLUE, "multi-position": ORANGE}
-    seconds = np.degrees(angles) * 3600
     for axes, (label, ours, published) in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
-        for style, curves, suffix in (("-", ours, ""), (":", published, ", published")):
-            for method, values in curves.items():
-                marker = "o" if method == "norm" else "s"
-                face = "white" if suffix else colours[method]
-                axes.loglog(
-                    seconds,
-                    np.abs(values),
-                    style,
-                    marker=marker,
-                    mfc=face,
-                    color=colours[method],
-                    label=method + suffix,
-                )
-        axes.set_xticks([1, 60, 600, 3600, 36000], ['1"', "1'", "10'", "1°", "10°"])
-        axes.minorticks_off()
-        axes.set_xlabel("angle error of the table")
-        axes.set_ylabel(label)
-        axes.legend(fontsize=8)
-        _clean(axes)
+        _angle_panel(axes, angles, label, ours, published)
     return figure
 
 
