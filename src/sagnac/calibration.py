@@ -298,12 +298,13 @@ def _fit_lines(cal: Calibration) -> list[str]:
     p_text = "" if fit.p_value is None else f", probability {fit.p_value:.2g}"
     lines = [f"  chi-square {fit.chi2:.4g} for {fit.degrees_of_freedom} degrees of freedom{p_text}"]
     meaning = {
-        "white": "the stated noise explains the scatter between segments; uncertainties follow from it",
-        "scaled": "uncertainties scaled by the scatter of the residuals",
-        "delete-one-segment": "from leaving out one segment at a time: the stated noise does not explain the scatter",
+        "white": "the noise explains the scatter between segments; uncertainties follow from it",
+        "scaled": "from the noise, scaled by the scatter of the residuals, which it does not explain or which is all there is",
+        "delete-one-segment": "from leaving out one segment at a time: noise does not explain the scatter, or is not known",
     }
     lines += [
-        f"  uncertainty: {used} ({meaning.get(used, 'see the documentation')})" for used in fit.uncertainty.split(" / ")
+        f"  uncertainty: {used} ({meaning.get(used.rpartition(': ')[2], 'see the documentation')})"
+        for used in fit.uncertainty.split(" / ")
     ]
     for kind, scatter in fit.residuals.items():
         unit = f" {scatter.unit}" if scatter.unit else ""

@@ -43,7 +43,7 @@ def _reader(kind: str) -> Callable[[Any, ValidationInfo], float]:
             try:
                 return units.parse(value, kind, "this key")
             except InputError as cause:
-                raise ValueError(str(cause)) from cause
+                raise ValueError(str(cause).removeprefix("this key: ")) from cause
         from_file = bool(info.context and info.context.get("file"))
         if isinstance(value, int | float) and not isinstance(value, bool) and (kind == "ratio" or not from_file):
             if not abs(value) <= sys.float_info.max:

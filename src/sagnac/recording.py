@@ -74,6 +74,7 @@ class Channel:
     factor: float
     increment: bool = False
     offset: float = 0.0
+    counted: bool = False
 
 
 @dataclass(frozen=True)
@@ -260,7 +261,8 @@ def open_recording(
     def stream(with_other: bool) -> Iterator[Batch]:
         return _stream(table, channels, other if with_other else ())
 
-    needed = {k: v for k, v in (scale or {}).items() if k.split("_")[0] in has - raw}
+    counted = {s for s in has if any(channels[a].counted for a in SENSORS[s])}
+    needed = {k: v for k, v in (scale or {}).items() if k.split("_")[0] in counted}
     return Recording(str(path), path, raw, has, summed, other, needed, stream)
 
 
@@ -340,7 +342,8 @@ def _channel(
         if text is None:
             counts.add(name)
             return Channel(column, 1.0)
-        return Channel(column, *nominal_scale(text, group, what))
+        worth, increment = nominal_scale(text, group, what)
+        return Channel(column, worth, increment, counted=True)
     if kind == "temperature":
         zero = units.parse(f"0 {unit_text}", kind, what)
         return Channel(column, units.parse(f"1 {unit_text}", kind, what) - zero, offset=zero)

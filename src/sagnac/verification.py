@@ -83,6 +83,8 @@ class Verification:
             lines.append(f"  {c.segment:<12}{c.what:<14} {value:>12}  {sigma:>10}  {unit:<8}{c.z:>6.1f}")
         for kind in dict.fromkeys(c.what for c in self.checks):
             here = [c for c in self.checks if c.what == kind]
+            if len(here) == 1:
+                continue
             rms = math.sqrt(sum(c.residual**2 for c in here) / len(here))
             text, _, unit = printed(rms, rms / 30, here[0].unit)
             lines.append(f"  {kind}: {text} {unit} rms over {len(here)}")

@@ -216,7 +216,7 @@ def test_usage_errors_have_status_two(run):
         (["calibrate", "norm", "log.csv", "--units", "acel=g"], "'acel' is none of accel"),
         (["calibrate", "norm", "log.csv", "--map", "accel_x=Q"], "has no column 'Q'"),
         (["calibrate", "norm", "log.csv", "--scale", "accel"], "--scale 'accel': write name=value pairs"),
-        (["calibrate", "norm", "log.csv", "--gravity", "9.81"], "gravity: this key: '9.81' has no unit"),
+        (["calibrate", "norm", "log.csv", "--gravity", "9.81"], "gravity: '9.81' has no unit"),
         (["calibrate", "norm", "log.csv", "--latitude", "99 deg"], "latitude 99 deg is beyond a pole"),
         (["calibrate", "norm", "log.csv", "--plan", "nowhere.toml"], "nowhere.toml: cannot read the plan"),
         (["calibrate", "four-position", "log.csv"], "four-position needs a plan (--plan)"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..errors import InputError
+from ..errors import DataError, InputError
 
 if TYPE_CHECKING:
     from ..calibration import Calibration
@@ -64,14 +64,19 @@ def calibrate(
     from ..observe.means import segment_means
 
     means = segment_means(recording, plan)
-    if method == "four-position":
-        from . import four_position
+    try:
+        if method == "four-position":
+            from . import four_position
 
-        return four_position.calibrate_means(means, plan, recording=recording, robust=robust)
-    if method == "multi-position":
-        from . import multi_position
+            return four_position.calibrate_means(means, plan, recording=recording, robust=robust)
+        if method == "multi-position":
+            from . import multi_position
 
-        return multi_position.calibrate_means(means, plan, matrix=matrix, recording=recording, robust=robust)
-    from . import norm
+            return multi_position.calibrate_means(means, plan, matrix=matrix, recording=recording, robust=robust)
+        from . import norm
 
-    return norm.calibrate_means(means, plan, recording=recording, robust=robust)
+        return norm.calibrate_means(means, plan, recording=recording, robust=robust)
+    except DataError as error:
+        if means.remarks:
+            raise DataError(f"{error}\nNoted before: {'; '.join(means.remarks[:5])}") from error
+        raise

@@ -21,6 +21,7 @@ from ..plan import Plan
 from ..recording import Recording
 from ..rigs.turntable import Site, attitude
 
+_POOR = 2.0
 _NOMINAL = 1e-10
 """Noise, relative to the readings, that stands in until the residuals tell: so small that no prior outweighs data."""
 
@@ -135,7 +136,9 @@ def gravity_source(plan: Plan | None) -> str:
     return "given" if plan.gravity is not None else "normal gravity, WGS-84"
 
 
-def fit_record(parts: Sequence[tuple[Estimate, Sequence[int]]], residuals: dict[str, record.Scatter]) -> record.Fit:
+def fit_record(
+    parts: Sequence[tuple[Estimate, Sequence[int]]], residuals: dict[str, record.Scatter], labels: Sequence[str] = ()
+) -> record.Fit:
     """The fit part of the result.
 
     Parameters
@@ -143,6 +146,8 @@ def fit_record(parts: Sequence[tuple[Estimate, Sequence[int]]], residuals: dict[
     parts : sequence of (Estimate, indices)
         The fits that the result came from, and which of their parameters it reports, in the result's order.
     residuals : dict of str to Scatter
+    labels : sequence of str
+        Names of the parts, for where their uncertainties come from different figures.
     """
     from scipy.special import chdtrc
 
@@ -164,7 +169,7 @@ def fit_record(parts: Sequence[tuple[Estimate, Sequence[int]]], residuals: dict[
         iterations=sum(e.iterations for e in fits),
         p_value=float(chdtrc(dof, chi2)) if dof > 0 else None,
         condition=max(conditions) if conditions else None,
-        uncertainty=" / ".join(dict.fromkeys(e.used for e in fits)),
+        uncertainty=_used(fits, labels),
         white=picked("white"),
         cluster=picked("cluster"),
         delete_one=picked("jackknife"),
@@ -181,6 +186,24 @@ def fit_record(parts: Sequence[tuple[Estimate, Sequence[int]]], residuals: dict[
             for i in e.influence
         ),
     )
+
+
+def _used(fits: Sequence[Estimate], labels: Sequence[str]) -> str:
+    if len({e.used for e in fits}) == 1:
+        return fits[0].used
+    return " / ".join(f"{label}: {e.used}" for e, label in zip(fits, labels, strict=True))
+
+
+def misfit_remarks(fit: Estimate, noise_known: bool) -> list[str]:
+    """A word where the residuals are far beyond what the stated noise and uncertainty allow."""
+    times = np.sqrt(fit.chi2 / max(fit.degrees_of_freedom, 1))
+    if not noise_known or fit.degrees_of_freedom < 1 or times < _POOR or fit.p_value > 1e-6:
+        return []
+    text = (
+        f"the fit is poor: residuals are {times:.3g} times what noise and stated uncertainty allow; check the plan's angles, "
+        "rates and times, and what the segment with most influence was"
+    )
+    return [text]
 
 
 def result(

@@ -31,12 +31,13 @@ from ..observe.means import SegmentMeans
 from ..plan import Plan, Segment
 from ..recording import Recording
 from ..rigs.turntable import attitude
-from . import common
+from . import common, sanity
 
 _CANCELS = 1e-4
 """Largest mean input, relative to gravity and to the Earth rate, of a set that counts as cancelling (20 arcsec)."""
 _LINEAR_PRIOR = 1.0  # wide: the linear terms are found where they can be seen and do not matter where they cannot
 _LINEAR_TYPICAL = 0.01
+_SEEN = 0.05  # a linear term known to this is worth a look
 _AXES = "xyz"
 
 
@@ -188,6 +189,8 @@ def _solve(
     ]
     measured = noise.known or means.noise_degrees_of_freedom > 0  # or measured to be nothing
     fit = estimate(parameters, rows, means.names, noise_known=measured, robust=robust)
+    seen = fit.white[3:].reshape(3, 3) < _SEEN * size
+    sanity.check_linear(sensor, np.eye(3) + fit.value[3:].reshape(3, 3) / size, seen)
     return _Solved(sensor, fit, fit.value[:3], _budget(sensor, fit, weight, white, turned, u, plan, remarks))
 
 
@@ -264,7 +267,7 @@ def _report(
         )
         for d in done
     }
-    fit: record.Fit = common.fit_record([(d.fit, [0, 1, 2]) for d in done], residuals)
+    fit: record.Fit = common.fit_record([(d.fit, [0, 1, 2]) for d in done], residuals, [d.sensor for d in done])
     return common.result(
         "four-position",
         named(names, units, value, covariance),

@@ -21,7 +21,7 @@ from ..observe.means import SegmentMeans, segment_means
 from ..observe.saturation import refuse_saturated_motion
 from ..observe.static import THRESHOLD, StaticIntervals, static_intervals
 from ..plan import Plan, Segment
-from ..recording import Batch, Recording, from_arrays, sample_interval
+from ..recording import GAP, SENSORS, Batch, Recording, from_arrays, sample_interval
 from ..sensors import Triad
 from . import common, norm
 from .hand_gyros import GyroFit, calibrate_gyros
@@ -60,12 +60,14 @@ def calibrate(
     """
     recording.need("accel")
     batch = recording.read()
+    _refuse_dead(recording.name, batch)
     found = static_intervals(batch, threshold)
     if len(found.start) == 0:
         raise DataError(
             f"{recording.name}: no static interval found (threshold {threshold:g} times the quietest variance); the unit "
             "must stand still for a few seconds in each attitude"
         )
+    given = site is not None and (site.gravity is not None or site.latitude is not None)
     site = _with_gravity(site)
     means, plan = means_of(batch, found, site, recording.counts, recording.name)
     refuse_saturated_motion(recording.name, batch)
@@ -84,7 +86,26 @@ def calibrate(
         remarks += gyro.remarks
         if plan.latitude is None:
             remarks.append("no latitude given: the gyros' g-sensitivity contains the vertical Earth rate per g")
-    return _report(recording, means, plan, accel, triad, gyro, remarks)
+    remarks += _gaps(batch)
+    reported = plan if given else plan.model_copy(update={"gravity": None})
+    return _report(recording, means, reported, plan.site_gravity, accel, triad, gyro, remarks)
+
+
+def _refuse_dead(name: str, batch: Batch) -> None:
+    for sensor, values in (("accel", batch.accel), ("gyro", batch.gyro)):
+        if values is None:
+            continue
+        for axis, low, high in zip(SENSORS[sensor], values.min(axis=0), values.max(axis=0), strict=True):
+            if low == high:
+                raise DataError(f"{name}: {axis} never changes (always {low:g}): the axis is dead or not connected")
+
+
+def _gaps(batch: Batch) -> list[str]:
+    """Notes on the gaps of a log; a static interval ends at one, a rotation with one is left out."""
+    steps = np.diff(batch.time)
+    where = np.flatnonzero(steps > GAP * sample_interval(batch.time))
+    notes = [f"gap of {steps[i]:.3g} s at {batch.time[i]:.6g} s: excluded" for i in where[:10]]
+    return notes + ([f"and {where.size - 10} more gaps"] if where.size > 10 else [])
 
 
 def means_of(
@@ -125,6 +146,7 @@ def _report(
     recording: Recording,
     means: SegmentMeans,
     plan: Plan,
+    gravity: float,
     accel: Estimate,
     triad: Triad,
     gyro: GyroFit | None,
@@ -134,7 +156,7 @@ def _report(
     names, units = list(triad.names), list(triad.units)
     value, covariance = accel.value[:k], accel.covariance[:k, :k]
     parts = [(accel, list(range(k)))]
-    norm_rms = _norm_residual(means, triad, value, plan.site_gravity)
+    norm_rms = _norm_residual(means, triad, value, gravity)
     residuals = {"static norm": Scatter(rms=norm_rms, unit="m/s^2", count=len(means.count))}
     if gyro is not None:
         names += gyro.triad.names
@@ -150,9 +172,9 @@ def _report(
         "norm",
         named(names, units, value, covariance),
         covariance,
-        common.fit_record(parts, residuals),
+        common.fit_record(parts, residuals, ("accelerometers", "gyros")[: len(parts)]),
         plan=plan,
-        gravity=plan.site_gravity,
+        gravity=gravity,
         recording=recording,
         span=means.span,
         remarks=remarks,

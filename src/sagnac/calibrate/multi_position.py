@@ -80,6 +80,7 @@ def calibrate_means(
     problem = model(first, weight, site.gravity, float(np.abs(rates).max()))
     known = all(f.known for f in first)
     fit = estimate(problem.parameters(), problem.rows, means.names, noise_known=known, robust=robust)
+    remarks += common.misfit_remarks(fit, known and not robust)
     return _report(fit, means, plan, site, recording, remarks)
 
 

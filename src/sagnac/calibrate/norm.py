@@ -94,6 +94,8 @@ def solve(means: SegmentMeans, plan: Plan, *, robust: bool = False) -> Solution:
         again = estimate(parameters, model.rows, means.names, noise_known=False, robust=robust)
         fit = replace(again, white=fit.white, chi2=fit.chi2, p_value=fit.p_value)
         case.remarks.append("segments scatter by more than their noise and are weighed alike, whatever their length")
+    else:
+        case.remarks.extend(common.misfit_remarks(fit, known and not robust))
     return Solution(fit, model, case)
 
 
@@ -335,7 +337,7 @@ def _report(solution: Solution, recording: Recording | None) -> Calibration:
         "norm",
         named(names, units, value, covariance),
         covariance,
-        common.fit_record(parts, _scatter(fit, model)),
+        common.fit_record(parts, _scatter(fit, model), ("triads", "mounting")[: len(parts)]),
         plan=case.plan,
         gravity=case.gravity,
         recording=recording,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import DataError
 from ..frames import Array
@@ -50,6 +51,45 @@ def check_scale(kind: str, matrix: Array) -> None:
     raise DataError(
         f"gains of {shown} where 1 is expected: check the unit, the plan's rates and angles, or pass raw samples as counts"
     )
+
+
+def check_linear(sensor: str, matrix: Array, seen: NDArray[np.bool_]) -> None:
+    """Refuse readings whose linear part is no instrument's, as far as the positions show it.
+
+    Parameters
+    ----------
+    sensor : str
+        ``accel`` or ``gyro``.
+    matrix : ndarray, shape (3, 3)
+        S of readings in SI.
+    seen : ndarray of bool, shape (3, 3)
+        Which elements the positions determine.
+
+    Raises
+    ------
+    DataError
+        Naming the axis and what would explain it.
+    """
+    for i in range(3):
+        if seen[i, i] and abs(matrix[i, i] - 1.0) > 0.4:
+            gain = float(matrix[i, i])
+            guesses = [
+                text for ratio, text in _MISREAD[sensor].items() if abs(np.log(abs(gain) / ratio + 1e-300)) < 0.2
+            ]
+            cause = "the axis is dead, or two columns are swapped, or the plan's attitudes are wrong"
+            if gain < -0.4:
+                cause = "the sign of the column is reversed, or the plan's attitudes are (z up or down, the azimuths)"
+            elif guesses:
+                cause = guesses[0]
+            raise DataError(
+                f"{sensor}_{AXES[i]} answers to its input with a gain of {gain:.3g} where 1 is expected: {cause}"
+            )
+        for j in range(3):
+            if i != j and seen[i, j] and abs(matrix[i, j]) > 0.4:
+                raise DataError(
+                    f"{sensor}_{AXES[i]} answers to axis {AXES[j]} with a gain of {matrix[i, j]:.3g} where 0 is expected: two "
+                    "columns are swapped, or the plan's azimuths are wrong"
+                )
 
 
 def check_accel_sense(measured: Array, nominal: Array, counts: bool) -> tuple[Array, list[str]]:

@@ -35,7 +35,8 @@ Height = Annotated[str | None, typer.Option(help="Height of the site: '500 m'.",
 Threshold = Annotated[
     float | None,
     typer.Option(
-        help="Hand-turned units: variance, over that of the quietest windows, up to which a window is static."
+        min=1.0,
+        help="Hand-turned units: variance, over that of the quietest windows, up to which a window is static.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for machines.")]

@@ -70,7 +70,7 @@ def refuse_unseen(parameters: Sequence[Parameter], rows: Rows) -> float:
     if unseen:
         raise DataError(
             f"the data cannot tell these apart (a change along each leaves every reading as it is): {'; '.join(unseen)}. "
-            "Add positions or rates that excite them."
+            "Add positions (attitudes) or rates that excite them."
         )
     return condition
 
@@ -93,5 +93,5 @@ def refuse_vague(values: Array, right: Array, scale: Array, names: Sequence[str]
         )
     if vague:
         raise DataError(
-            f"the data say next to nothing about: {'; '.join(vague)}. Add positions or rates that excite it."
+            f"the data say next to nothing about: {'; '.join(vague)}. Add positions (attitudes) or rates that excite it."
         )

@@ -20,6 +20,8 @@ from .sums import BLOCKS, Sums
 
 _STUCK = 10  # equal samples that no noisy axis shows by chance
 _FROZEN_SHARE = 0.2
+_MOVING = 100.0  # times the usual noise, and
+_MOVED = 1e-3  # of the range over all segments: no noise
 _RESOLVED = 1.5  # noise in steps of the converter from which a run of equal samples is suspicious
 
 
@@ -152,8 +154,11 @@ def _refuse_saturated(name: str, sums: list[Sums], sensors: list[str]) -> None:
     noise = np.array([np.sqrt(0.5 * p.squared_steps / max(p.count - 1, 1)) for p in sums])
     finest = np.min([p.finest for p in sums], axis=0)
     low, high = np.min([p.low for p in sums], axis=0), np.max([p.high for p in sums], axis=0)
+    alive = noise.max(axis=0) > 0
     for k, axis in enumerate(axes):
         usual = float(np.median(noise[:, k]))
+        if low[k] == high[k] and alive.any() and len(sums) > 1:
+            raise DataError(f"{name}: {axis} never changes (always {low[k]:g}): the axis is dead or not connected")
         if not usual > _RESOLVED * finest[k]:
             continue
         for part in sums:
@@ -230,6 +235,7 @@ def _restless(found: list[tuple[Sums, Array, int]], sensors: list[str], worth: A
         return []
     axes = [a for s in sensors for a in SENSORS[s]]
     usual = np.median([d for _, d in usable], axis=0)
+    span = np.ptp([p.mean for p, _ in usable], axis=0)
     out = []
     for part, density2 in usable:
         block = (part.segment.stop - part.segment.start) / BLOCKS
@@ -237,5 +243,10 @@ def _restless(found: list[tuple[Sums, Array, int]], sensors: list[str], worth: A
         if loud.size and usual[loud[0]] > 0:
             k = int(loud[np.argmax(density2[loud] / usual[loud])])
             times = np.sqrt(density2[k] / usual[k])
+            if times > _MOVING and density2[k] > block * (_MOVED * span[k]) ** 2:
+                raise DataError(
+                    f"segment {part.segment.name!r} is not steady: {axes[k]} has {times:.0f} times its usual noise, as when the "
+                    "unit is moved before the segment ends. Check the plan's start and stop"
+                )
             out.append(f"segment {part.segment.name!r} is restless: {axes[k]} has {times:.1f} times its usual noise")
     return out
