@@ -271,7 +271,7 @@ def signed_permutation(matrix: Array) -> tuple[tuple[int, int, int], tuple[int, 
     """
     from itertools import permutations
 
-    size = np.abs(matrix) / np.linalg.norm(matrix, axis=1, keepdims=True)
+    size = np.abs(matrix) / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300)
     best = max(permutations(range(3)), key=lambda p: sum(size[i, p[i]] for i in range(3)))
     signs = [1 if matrix[i, best[i]] > 0 else -1 for i in range(3)]
     return (best[0], best[1], best[2]), (signs[0], signs[1], signs[2])

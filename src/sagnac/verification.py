@@ -178,11 +178,14 @@ class _Norms:
     residual: Array
     jacobian: Array
     variance: Array
+    common: Array
+    """One-sigma effect of what all segments share: the rate's error, gravity's."""
 
 
 def _judge(
     calibration: Calibration, means: SegmentMeans, plan: Plan, models: dict[str, Correction], closure: Array | None
 ) -> Verification:
+    from scipy.linalg import block_diag
     from scipy.special import chdtrc
 
     parts = [_norms(k, calibration, means, plan, models) for k in ("accel", "gyro") if k in models]
@@ -192,6 +195,8 @@ def _judge(
     r = np.concatenate([p.residual for p in parts])
     jac = np.vstack([p.jacobian for p in parts])
     covariance = np.diag(np.concatenate([p.variance for p in parts])) + jac @ calibration.matrix @ jac.T
+    shared = block_diag(*(p.common[:, None] for p in parts))
+    covariance += shared @ shared.T
     covariance += 1e-24 * np.eye(r.size) * float(np.trace(covariance)) / r.size
     white = np.linalg.solve(np.linalg.cholesky(covariance), r)
     chi2 = float(white @ white)
@@ -234,7 +239,7 @@ def _norms(
     at = np.flatnonzero(rates == 0 if kind == "accel" else rates != 0)
     names = [means.names[i] for i in at]
     if at.size == 0:
-        return _Norms(kind, names, np.zeros(0), np.zeros((0, len(calibration.parameters))), np.zeros(0))
+        return _Norms(kind, names, np.zeros(0), np.zeros((0, len(calibration.parameters))), np.zeros(0), np.zeros(0))
     model = models[kind]
     readings = means.mean[kind][at]
     force = None
@@ -263,9 +268,10 @@ def _norms(
     scatter = calibration.fit.residuals.get("static norm" if kind == "accel" else "rate norm")
     if scatter is not None and "white" not in calibration.fit.uncertainty.split(" / ")[0]:
         variance = variance + scatter.rms**2
-    if kind == "gyro" and plan.rig.rate_uncertainty > 0:
-        variance = variance + (rates[at] * plan.rig.rate_uncertainty) ** 2
-    return _Norms(kind, names, size - known, _jacobian(kind, calibration, u, along, force), variance)
+    common_error = (
+        rates[at] * plan.rig.rate_uncertainty if kind == "gyro" else np.full(at.size, plan.gravity_uncertainty)
+    )
+    return _Norms(kind, names, size - known, _jacobian(kind, calibration, u, along, force), variance, common_error)
 
 
 def _jacobian(kind: str, calibration: Calibration, u: Array, along: Array, force: Array | None) -> Array:

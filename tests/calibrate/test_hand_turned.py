@@ -2,6 +2,7 @@
 
 import itertools
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -312,11 +313,13 @@ def test_public_recording_uncertainties_equal_a_real_jackknife(xsens):
     refits = []
     for out in range(38):
         keep = np.delete(np.arange(38), out)
-        part = type(means)(
-            tuple(means.segments[k] for k in keep), means.mid_time[keep], means.interval[keep], means.duration[keep],
-            means.count[keep], {s: v[keep] for s, v in means.mean.items()}, means.density,
-            means.noise_degrees_of_freedom, {}, means.counts,
-        )  # fmt: skip
+        part = replace(
+            means,
+            segments=tuple(means.segments[k] for k in keep),
+            **{name: getattr(means, name)[keep] for name in ("mid_time", "interval", "duration", "count")},
+            mean={s: v[keep] for s, v in means.mean.items()},
+            rounding={s: v[keep] for s, v in means.rounding.items()},
+        )
         refits.append(norm.solve(part, plan).fit.value[:9])
     refits = np.array(refits)
     jackknife = np.sqrt(37 / 38 * ((refits - refits.mean(axis=0)) ** 2).sum(axis=0))

@@ -57,7 +57,7 @@ def noise_of(means: SegmentMeans, plan: Plan, sensor: str, gain: float = 1.0, si
     size : float
         Size of the readings, which sets a nominal noise when nothing is known.
     """
-    stated = getattr(plan.unit.noise, sensor)
+    stated = getattr(plan.unit.noise, sensor) or None  # no sensor is free of noise: zero states nothing
     found = means.density[sensor]
     dof = means.noise_degrees_of_freedom
     usable = dof > 0 and bool(np.all(np.isfinite(found))) and float(found.max()) > 1e-13 * abs(size)
@@ -244,7 +244,7 @@ def result(
             earth_rate=plan.earth_rate if plan else None,
         ),
         source=source,
-        remarks=tuple(remarks),
+        remarks=tuple(dict.fromkeys(remarks)),
         software=record.Software(version=__version__),
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     )

@@ -159,7 +159,8 @@ def _solve(
     remarks += noise.remarks
     white = means.variance(sensor, noise.density)
     # an angle error turns the input: u x error, independent in each position
-    turned = np.einsum("nij,nkj->nik", skew(u), skew(u)) * plan.rig.angle_uncertainty**2
+    sigma = plan.rig.angle_uncertainty
+    turned = np.einsum("nij,nkj->nik", skew(u), skew(u)) * sigma**2 + np.einsum("ni,nj->nij", u, u) * sigma**4
     covariance = np.einsum("ni,ij->nij", white, np.eye(3)) + turned
     weight = np.linalg.inv(np.linalg.cholesky(covariance))
     design = np.zeros((len(u), 3, 12))
@@ -168,7 +169,7 @@ def _solve(
         design[:, i, 3 + 3 * i : 6 + 3 * i] = u / size
     known = plan.unit.accel_k2 if sensor == "accel" else None
     quadratic = np.array(known) * u**2 if known is not None else np.zeros_like(u)
-    observed = readings - u - quadratic
+    observed = readings - u * (1.0 - sigma**2) - quadratic  # turned by random angles, the mean input is shorter
 
     def rows(x: Array) -> Rows:
         r = (weight @ (observed - design @ x)[..., None])[..., 0]

@@ -119,6 +119,10 @@ def calibrate_gyros(
     """
     matrix, bias, _ = accel_triad.unpack(accel.value[: len(accel_triad.names)])
     motion = _motion(batch, found, means, matrix, bias, up_rate)
+    if motion.first.size < _FEWEST_ROTATIONS:
+        raise DataError(
+            f"{motion.first.size} rotations between static intervals (without gaps): the gyros need at least {_FEWEST_ROTATIONS}"
+        )
     triad = Triad("gyro", counts, full=True, g_sensitivity=True)
     x, sigma_static = _start(motion, triad)
     remarks = sanity.check_hand_turned_sense(triad.unpack(x)[0], counts)
@@ -154,10 +158,6 @@ def _motion(
     first, last = found.stop[:-1] - 1, found.start[1:]
     gaps = np.flatnonzero(np.diff(batch.time) > 2 * GAP * sample_interval(batch.time))
     whole = np.array([not np.any((gaps >= a) & (gaps < b)) for a, b in zip(first, last, strict=True)], dtype=bool)
-    if whole.sum() < _FEWEST_ROTATIONS:
-        raise DataError(
-            f"{whole.sum()} rotations between static intervals (without gaps): the gyros need at least {_FEWEST_ROTATIONS}"
-        )
     return _Motion(
         time=batch.time,
         gyro=batch.gyro,

@@ -9,6 +9,8 @@ rotations::
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..estimate import Estimate, Parameter, Rows, estimate
@@ -45,7 +47,16 @@ def derivatives(angles: Array) -> Array:
     return np.stack([ex @ x @ y @ z, x @ ey @ y @ z, x @ y @ z @ ez])
 
 
-def find(means: SegmentMeans, plan: Plan, directions: Array) -> Estimate | None:
+class Mounting(NamedTuple):
+    """Result of :func:`find`: the fit, and its covariance with the accelerometer parameters, shape (5, k)."""
+
+    fit: Estimate
+    cross: Array
+
+
+def find(
+    means: SegmentMeans, plan: Plan, directions: Array, noise: Array, sensitivity: Array, covariance: Array
+) -> Mounting | None:
     """Mounting angles and tilt of the outer axis.
 
     Parameters
@@ -54,10 +65,16 @@ def find(means: SegmentMeans, plan: Plan, directions: Array) -> Estimate | None:
     plan : Plan
     directions : ndarray, shape (n, 3)
         Direction of up (static) or of the outer axis (turning) in b.
+    noise : ndarray, shape (n,), rad
+        Standard deviation of each direction from the noise of its readings.
+    sensitivity : ndarray, shape (n, 3, k)
+        Derivative of the directions to the accelerometer parameters.
+    covariance : ndarray, shape (k, k)
+        Of the accelerometer parameters.
 
     Returns
     -------
-    Estimate or None
+    Mounting or None
         Parameters ``rig.mount.x, y, z`` and ``rig.tilt.x, y`` in rad; None when the settings are not in the plan or all
         directions are alike.
     """
@@ -70,7 +87,7 @@ def find(means: SegmentMeans, plan: Plan, directions: Array) -> Estimate | None:
         return None
     first = angles_of(wahba(nominal, directions).T)
     basis = tangents(directions)
-    weight = _weights(settings, plan, basis, first)
+    weight = _weights(settings, plan, basis, first, noise)
     stated = plan.rig.angle_uncertainty > 0
     to_enu = attitude(settings)
 
@@ -92,10 +109,12 @@ def find(means: SegmentMeans, plan: Plan, directions: Array) -> Estimate | None:
     tilt = plan.rig.axis_uncertainty or _FREE_TILT
     parameters = [Parameter(f"rig.mount.{a}", "rad", float(v), 0.5) for a, v in zip("xyz", first, strict=True)]
     parameters += [Parameter(f"rig.tilt.{a}", "rad", 0.0, 0.5, 0.0, tilt) for a in "xy"]
-    return estimate(parameters, rows, list(means.names), noise_known=stated)
+    fit = estimate(parameters, rows, list(means.names), noise_known=stated)
+    turned = weight @ np.swapaxes(basis, -1, -2) @ sensitivity
+    return Mounting(*fit.consider(turned.reshape(-1, turned.shape[-1]), covariance))
 
 
-def _weights(settings: Array, plan: Plan, basis: Array, first: Array) -> Array:
+def _weights(settings: Array, plan: Plan, basis: Array, first: Array, noise: Array) -> Array:
     """Whitening (n, 2, 2) of the directions for errors of the settings and of the axes."""
     sigma = np.hypot(plan.rig.angle_uncertainty, plan.rig.axis_uncertainty) or 1e-6
     step = 1e-6
@@ -106,5 +125,7 @@ def _weights(settings: Array, plan: Plan, basis: Array, first: Array) -> Array:
         moved.append((attitude(settings + shift) - attitude(settings - shift))[:, 2, :] / (2 * step))
     in_b = np.stack(moved, axis=2)
     across = np.swapaxes(basis, -1, -2) @ (matrix(first).T @ in_b)
-    covariance = sigma**2 * (across @ np.swapaxes(across, -1, -2)) + (0.01 * sigma) ** 2 * np.eye(2)
+    covariance = sigma**2 * (across @ np.swapaxes(across, -1, -2)) + (noise**2 + (0.01 * sigma) ** 2)[
+        :, None, None
+    ] * np.eye(2)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))

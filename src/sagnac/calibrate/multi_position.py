@@ -176,6 +176,7 @@ def _first(
     gain = float(np.mean(np.linalg.norm(matrix, axis=1))) if counts else 1.0
     noise = common.noise_of(means, plan, sensor, gain, float(np.abs(readings - bias).max()))
     remarks += noise.remarks
+    inputs = inputs + table_noise.effects(sensor, means, plan, site, angles, rates)[0]
     return _Sensor(sensor, counts, inputs, readings, used, matrix, bias, noise.density, noise.known)
 
 
@@ -204,7 +205,7 @@ def _whitening(
     for s in sensors:
         keep = np.repeat(s.used, 3)
         white.append(means.variance(s.kind, s.density).ravel()[keep])
-        effect = s.matrix @ table_noise.effects(s.kind, means, plan, site, angles, rates)
+        effect = s.matrix @ table_noise.effects(s.kind, means, plan, site, angles, rates)[1]
         columns.append(effect.reshape(keep.size, -1)[keep])
     shared = np.vstack(columns)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(np.diag(np.concatenate(white)) + shared @ shared.T)))

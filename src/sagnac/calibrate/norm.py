@@ -88,7 +88,7 @@ def solve(means: SegmentMeans, plan: Plan, *, robust: bool = False) -> Solution:
     ):  # a lever arm can throw the first directions off by more than h: settle it before h's azimuth is freed
         parameters = settle(parameters, model.without_azimuths(start.to_b is not None).rows)
     fit = estimate(parameters, model.rows, means.names, noise_known=known, robust=robust)
-    if known and fit.used != "white" and np.ptp(means.duration) > 0:
+    if known and not robust and fit.used != "white" and np.ptp(means.duration) > 0:
         alike = replace(means, duration=np.full_like(means.duration, means.duration.mean()))
         model, _ = _model(replace(case, means=alike), start)
         again = estimate(parameters, model.rows, means.names, noise_known=False, robust=robust)
@@ -96,7 +96,35 @@ def solve(means: SegmentMeans, plan: Plan, *, robust: bool = False) -> Solution:
         case.remarks.append("segments scatter by more than their noise and are weighed alike, whatever their length")
     else:
         case.remarks.extend(common.misfit_remarks(fit, known and not robust))
-    return Solution(fit, model, case)
+    solution = Solution(fit, model, case)
+    case.remarks.extend(_earth_at_rest(solution))
+    return solution
+
+
+def _earth_at_rest(solution: Solution) -> list[str]:
+    """The vertical Earth rate that the gyros see at rest, which the fit has not used, against the plan's latitude."""
+    fit, model, case = solution
+    rest = np.flatnonzero(~case.turning)
+    if model.gyro is None or model.accel is None or rest.size == 0 or "gyro" not in case.means.mean:
+        return []
+    p = model.split(fit.value)
+    matrix, bias, _ = model.gyro.unpack(p.gyro)
+    a = solution.directions()[rest]
+    inverse = np.linalg.inv(matrix)
+    seen = np.einsum("ni,ij,nj->n", a, inverse, case.means.mean["gyro"][rest] - bias)
+    at = [fit.names.index(f"gyro.bias.{axis}") for axis in "xyz"]
+    weight = -(a @ inverse).mean(axis=0)
+    spread = float(np.std(seen)) / np.sqrt(rest.size)
+    sigma = float(np.sqrt(weight @ fit.covariance[np.ix_(at, at)] @ weight)) + spread
+    missed = float(seen.mean()) - model.up_rate
+    if abs(missed) < 6.0 * sigma or abs(missed) < 0.1 * case.plan.earth_rate:
+        return []
+    hourly = np.degrees([seen.mean(), model.up_rate]) * 3600.0
+    text = (
+        f"at rest the gyros see a vertical rate of {hourly[0]:.3g} deg/h where latitude and Earth rate say {hourly[1]:.3g} deg/h: "
+        "check latitude and its sign, and outer_rate"
+    )
+    return [text]
 
 
 @dataclass(frozen=True)
@@ -143,7 +171,7 @@ class Case:
             rates,
             has_accel,
             has_gyro,
-            plan.site_gravity if has_accel else 0.0,
+            plan.site_gravity,
             earth,
             averaging(rates * means.interval, means.count),
             common.nominal_attitudes(means),
@@ -174,12 +202,13 @@ class _Start:
         a = unit(np.asarray(np.linalg.solve(matrix, (readings - bias).T).T))
         if case.nominal is not None:
             up = case.nominal[:, 2, :]
-            signs, found = sanity.check_accel_sense(a, up, counts)
+            signs, found = sanity.check_sense("accel", a, up, counts)
             case.remarks.extend(found)
             matrix, a = matrix * signs, a * signs
             self.to_b = wahba(up, a)
         if not counts:
             sanity.check_scale("accel", matrix)
+            case.remarks.extend(sanity.common_scale("accel", matrix))
         triad = Triad("accel", counts)
         self.accel, self.directions = (triad, triad.pack(matrix, bias)), a
 
@@ -210,6 +239,7 @@ class _Start:
         case.remarks.extend(sanity.check_gyro_sense(matrix, counts, "the plan's rates"))
         if not counts:
             sanity.check_scale("gyro", matrix)
+            case.remarks.extend(sanity.common_scale("gyro", matrix))
         triad = Triad("gyro", counts, full=True)
         self.gyro = triad, triad.pack(matrix, bias)
 
@@ -220,6 +250,12 @@ class _Start:
         matrix, bias = quadric.fit(readings[at], np.hypot(along, self.level[at]), "gyro")
         if not counts:
             sanity.check_scale("gyro", matrix)
+            case.remarks.extend(sanity.common_scale("gyro", matrix))
+        if case.nominal is not None:
+            seen = unit(np.asarray(np.linalg.solve(matrix, (readings[at] - bias).T).T)) * np.sign(along)[:, None]
+            signs, found = sanity.check_sense("gyro", seen, case.nominal[at, 2, :], counts)
+            matrix = matrix * signs
+            case.remarks.extend(found)
         self.directions = unit(np.asarray(np.linalg.solve(matrix, (readings - bias).T).T))
         case.remarks.append("gyros alone: their frame has x along gyro x and y in the plane of gyros x and y")
         triad = Triad("gyro", counts)
@@ -325,13 +361,15 @@ def _report(solution: Solution, recording: Recording | None) -> Calibration:
     units = [fit.parameters[i].unit for i in order]
     value, covariance = fit.value[order], fit.covariance[np.ix_(order, order)]
     parts: list[tuple[Estimate, list[int]]] = [(fit, order)]
-    found = mount.find(case.means, case.plan, solution.directions()) if model.accel is not None else None
+    found = _mounting(solution)
     if found is not None:
-        names += list(found.names)
-        units += [p.unit for p in found.parameters]
-        value = np.concatenate([value, found.value])
-        covariance = block_diagonal(covariance, found.covariance)
-        parts.append((found, list(range(len(found.names)))))
+        k, m = found.cross.shape[1], len(order)
+        names += list(found.fit.names)
+        units += [p.unit for p in found.fit.parameters]
+        value = np.concatenate([value, found.fit.value])
+        covariance = block_diagonal(covariance, found.fit.covariance)
+        covariance[m:, :k], covariance[:k, m:] = found.cross, found.cross.T
+        parts.append((found.fit, list(range(len(found.fit.names)))))
         case.remarks.append("rig.mount and rig.tilt rest on the table's angles; nothing else in this result does")
     return common.result(
         "norm",
@@ -344,6 +382,33 @@ def _report(solution: Solution, recording: Recording | None) -> Calibration:
         span=case.means.span,
         remarks=case.remarks,
     )
+
+
+def _mounting(solution: Solution) -> mount.Mounting | None:
+    """Mounting angles from the directions, where settings and geometry give them; a by-product that stops nothing."""
+    fit, model, case = solution
+    if model.accel is None:
+        return None
+    p = model.split(fit.value)
+    k = len(model.accel.names)
+    matrix, _, _ = model.accel.unpack(p.accel)
+    d_matrix, d_bias, _ = model.accel.derivatives(p.accel)
+    a = solution.directions()
+    noise = np.zeros(len(a))
+    for group in model.groups:
+        readings = np.einsum("nii->ni", np.linalg.inv(group.weight))
+        noise[group.index] = np.sqrt(np.mean(readings[:, :3] ** 2, axis=1))
+    gain = float(np.mean(np.linalg.norm(matrix, axis=1)))
+    across = np.eye(3) - a[:, :, None] * a[:, None, :]
+    change = np.einsum("kij,nj->nik", d_matrix, case.gravity * a) + d_bias.T
+    sensitivity = -across @ np.linalg.inv(matrix) @ change / case.gravity
+    try:
+        return mount.find(case.means, case.plan, a, noise / (gain * case.gravity), sensitivity, fit.covariance[:k, :k])
+    except DataError:
+        case.remarks.append(
+            "the mounting angles are not determined (a turn by 90 deg about y leaves two of them alike)"
+        )
+        return None
 
 
 def block_diagonal(first: Array, second: Array) -> Array:

@@ -22,6 +22,11 @@ _MISREAD = {
     },
 }
 
+_REVERSED = {
+    "accel": "reads minus the specific force (at rest an upward axis must read +g)",
+    "gyro": "wrong sense of rotation against the plan's rates and angles",
+}
+
 
 def check_scale(kind: str, matrix: Array) -> None:
     """Refuse SI readings whose gain is no gain of a sensor in that unit.
@@ -51,6 +56,19 @@ def check_scale(kind: str, matrix: Array) -> None:
     raise DataError(
         f"gains of {shown} where 1 is expected: check the unit, the plan's rates and angles, or pass raw samples as counts"
     )
+
+
+def common_scale(kind: str, matrix: Array) -> list[str]:
+    """A word where all three SI gains are off alike: then what they were compared with is the likelier cause."""
+    errors = np.linalg.norm(matrix, axis=1) - 1.0
+    mean = float(errors.mean())
+    if abs(mean) < 0.004 or np.ptp(errors) > 0.6 * abs(mean):
+        return []
+    cause = "gravity" if kind == "accel" else "outer_rate"
+    text = (
+        f"all three {kind} gains are off by about {100 * mean:.2g} %: check {cause} in the plan, which sets the scale"
+    )
+    return [text]
 
 
 def check_linear(sensor: str, matrix: Array, seen: NDArray[np.bool_]) -> None:
@@ -92,16 +110,18 @@ def check_linear(sensor: str, matrix: Array, seen: NDArray[np.bool_]) -> None:
                 )
 
 
-def check_accel_sense(measured: Array, nominal: Array, counts: bool) -> tuple[Array, list[str]]:
-    """Signs of the accelerometers against the table's settings.
+def check_sense(kind: str, measured: Array, nominal: Array, counts: bool) -> tuple[Array, list[str]]:
+    """Signs of a triad calibrated by norm against the table's settings.
 
     A norm cannot tell a gain from minus it. The table can: a set of directions that fits the settings only through a
     mirror has an axis reversed or two columns swapped.
 
     Parameters
     ----------
+    kind : str
+        ``accel`` or ``gyro``.
     measured : ndarray, shape (n, 3)
-        Directions of up found with all gains positive, in b.
+        Directions of up (of the rate) found with all gains positive, in the triad's frame.
     nominal : ndarray, shape (n, 3)
         The same from the settings, in k.
     counts : bool
@@ -125,13 +145,13 @@ def check_accel_sense(measured: Array, nominal: Array, counts: bool) -> tuple[Ar
     if np.linalg.det(turn) > 0 or not spread:
         return np.ones(3), _turned_mount(turn) if spread else []
     if axes == (0, 1, 2):
-        reversed_axes = [f"accel_{a}" for a, s in zip(AXES, signs, strict=True) if s < 0]
-        text = f"{', '.join(reversed_axes)}: reads minus the specific force (at rest an upward axis must read +g)"
+        reversed_axes = [f"{kind}_{a}" for a, s in zip(AXES, signs, strict=True) if s < 0]
+        text = f"{', '.join(reversed_axes)}: {_REVERSED[kind]}"
         if not counts:
             raise DataError(f"{text}. Change the sign of the column, or the plan's angles")
         return np.array(signs, dtype=float), [f"negative gain of {text}"]
-    swapped = ", ".join(f"accel_{AXES[i]} answers to {AXES[axes[i]]}" for i in range(3) if axes[i] != i)
-    raise DataError(f"the accelerometer axes form a left-handed set: {swapped}. Two columns are swapped; see --map")
+    swapped = ", ".join(f"{kind}_{AXES[i]} answers to {AXES[axes[i]]}" for i in range(3) if axes[i] != i)
+    raise DataError(f"the {kind} axes form a left-handed set: {swapped}. Two columns are swapped; see --map")
 
 
 def _turned_mount(turn: Array) -> list[str]:

@@ -14,9 +14,12 @@ from ..plan import Plan
 from ..rigs.turntable import Site, TableErrors, attitude, averaging, mean_inputs
 
 _STEP = 1e-6  # rad, central differences of the rig's model: error 1e-12
+_WIDE = 1e-4  # rad, for second differences: error 1e-8
 
 
-def effects(sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Array, rates: Array) -> Array:
+def effects(
+    sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Array, rates: Array
+) -> tuple[Array, Array]:
     """One-sigma effects on the mean inputs of a sensor.
 
     Parameters
@@ -32,24 +35,37 @@ def effects(sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Ar
 
     Returns
     -------
-    ndarray, shape (n, 3, 3 n + 9), m/s^2 or rad/s
-        Columns: each setting of each segment, then the seven axis errors, the rate, gravity.
+    displacement : ndarray, shape (n, 3), m/s^2 or rad/s
+        Mean effect of the settings' errors, which shorten the input along itself by the square of the angle.
+    columns : ndarray, shape (n, 3, 9 n + 9), m/s^2 or rad/s
+        Each setting of each segment, then the squares and products of these, the seven axis errors, the rate, gravity.
+        The direction along the input feels only the second order; without it, it would look free of error.
     """
     n, which = len(rates), 0 if sensor == "accel" else 1
-    turned = rates * means.interval
-    out = np.zeros((n, 3, 3 * n + 9))
+    sigma, index = plan.rig.angle_uncertainty, np.arange(n)
+
+    def inputs(shift: Array) -> Array:
+        return mean_inputs(angles + shift, rates, rates * means.interval, means.count, site)[which]
+
+    out = np.zeros((n, 3, 9 * n + 9))
+    displacement = np.zeros((n, 3))
+    unit = np.eye(3)
     for i in range(3):
-        shift = np.where(np.arange(3) == i, _STEP, 0.0)
-        plus, minus = (mean_inputs(angles + s, rates, turned, means.count, site)[which] for s in (shift, -shift))
-        out[np.arange(n), :, 3 * np.arange(n) + i] = (plus - minus) / (2 * _STEP) * plan.rig.angle_uncertainty
-    axes = _axis_effects(which, angles, rates, turned, means.count, site)
-    out[:, :, 3 * n : 3 * n + 7] = axes * plan.rig.axis_uncertainty
+        out[index, :, 3 * index + i] = (inputs(_STEP * unit[i]) - inputs(-_STEP * unit[i])) / (2 * _STEP) * sigma
+        for j in range(i + 1):
+            plus, minus = _WIDE * (unit[i] + unit[j]), _WIDE * (unit[i] - unit[j])
+            second = (inputs(plus) + inputs(-plus) - inputs(minus) - inputs(-minus)) / (4 * _WIDE**2) * sigma**2
+            if i == j:
+                displacement += second / 2
+            out[index, :, 3 * n + 6 * index + i * (i + 1) // 2 + j] = second / (np.sqrt(2) if i == j else 1.0)
+    axes = _axis_effects(which, angles, rates, rates * means.interval, means.count, site)
+    out[:, :, 9 * n : 9 * n + 7] = axes * plan.rig.axis_uncertainty
     up = attitude(angles)[:, 2, :]
     if sensor == "gyro":
         out[:, :, -2] = plan.rig.rate_uncertainty * rates[:, None] * up
     else:
         out[:, :, -1] = plan.gravity_uncertainty * up
-    return out
+    return displacement, out
 
 
 def _axis_effects(which: int, angles: Array, rates: Array, turned: Array, count: Array, site: Site) -> Array:

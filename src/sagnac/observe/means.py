@@ -20,6 +20,7 @@ from .sums import BLOCKS, Sums
 
 _STUCK = 10  # equal samples that no noisy axis shows by chance
 _FROZEN_SHARE = 0.2
+_DITHERED = 0.4  # noise, in steps of the converter, from which averaging takes the rounding away
 _MOVING = 100.0  # times the usual noise, and
 _MOVED = 1e-3  # of the range over all segments: no noise
 _RESOLVED = 1.5  # noise in steps of the converter from which a run of equal samples is suspicious
@@ -43,6 +44,8 @@ class SegmentMeans:
         How well `density` is known.
     pulse : dict of str to ndarray, shape (3,)
         What one pulse is worth (rad, m/s) on sensors that count pulses.
+    rounding : dict of str to ndarray, shape (n, 3)
+        Variance of readings rounded to a step coarser than their noise, which no averaging takes away.
     counts : frozenset of str
         Sensors read as raw counts.
     remarks : tuple of str
@@ -60,6 +63,7 @@ class SegmentMeans:
     density: dict[str, Array]
     noise_degrees_of_freedom: float
     pulse: dict[str, Array] = field(default_factory=dict)
+    rounding: dict[str, Array] = field(default_factory=dict)
     counts: frozenset[str] = frozenset()
     remarks: tuple[str, ...] = ()
     span: tuple[float, float] = (0.0, 0.0)
@@ -79,7 +83,8 @@ class SegmentMeans:
             Noise per sqrt(Hz).
         """
         time = self.duration[:, None]
-        return density**2 / time + _pulse_variance(self.pulse.get(sensor, np.zeros(3))) / time**2
+        pulses = _pulse_variance(self.pulse.get(sensor, np.zeros(3))) / time**2
+        return density**2 / time + pulses + self.rounding.get(sensor, np.zeros_like(time))
 
 
 def _pulse_variance(pulse: Array) -> Array:
@@ -151,17 +156,18 @@ def _refuse_outside(name: str, sums: list[Sums], first: float, last: float, inte
 def _refuse_saturated(name: str, sums: list[Sums], sensors: list[str]) -> None:
     """An axis that stays on one extreme value while it is noisy elsewhere is saturated or stuck."""
     axes = [a for s in sensors for a in SENSORS[s]]
-    noise = np.array([np.sqrt(0.5 * p.squared_steps / max(p.count - 1, 1)) for p in sums])
+    noise = np.array([p.sample_noise for p in sums])
+    turning = np.array([p.segment.outer_rate != 0 for p in sums])
     finest = np.min([p.finest for p in sums], axis=0)
     low, high = np.min([p.low for p in sums], axis=0), np.max([p.high for p in sums], axis=0)
     alive = noise.max(axis=0) > 0
     for k, axis in enumerate(axes):
-        usual = float(np.median(noise[:, k]))
         if low[k] == high[k] and alive.any() and len(sums) > 1:
             raise DataError(f"{name}: {axis} never changes (always {low[k]:g}): the axis is dead or not connected")
-        if not usual > _RESOLVED * finest[k]:
-            continue
-        for part in sums:
+        for part, turns in zip(sums, turning, strict=True):
+            # among its like: what the turn itself changes from sample to sample is no noise
+            if not np.median(noise[turning == turns, k]) > _RESOLVED * finest[k]:
+                continue
             for side, value, held in (("top", high[k], part.at_high[k]), ("bottom", low[k], part.at_low[k])):
                 extreme = (part.high if side == "top" else part.low)[k] == value
                 if extreme and held >= max(_STUCK, _FROZEN_SHARE * part.count):
@@ -207,6 +213,9 @@ def _gather(
         squared, weight = squared + n * own, weight + n
     density = np.sqrt(squared / weight) if weight else np.full(3 * len(sensors), np.nan)
     means = np.array([p.mean for p in sums])
+    finest = np.min([p.finest for p in sums], axis=0)
+    noise = np.array([p.sample_noise for p in sums])
+    rounded = np.where((noise < _DITHERED * finest) & np.isfinite(finest), finest, 0.0) ** 2 / 12.0
     return SegmentMeans(
         segments=tuple(p.segment for p in sums),
         mid_time=np.array([p.segment.start + p.time_sum / p.count for p in sums]),
@@ -217,6 +226,7 @@ def _gather(
         density={s: density[3 * i : 3 * i + 3] for i, s in enumerate(sensors)},
         noise_degrees_of_freedom=float(weight),
         pulse={s: worth[3 * i : 3 * i + 3] for i, s in enumerate(sensors) if s in recording.increments},
+        rounding={s: rounded[:, 3 * i : 3 * i + 3] for i, s in enumerate(sensors) if s not in recording.increments},
         counts=recording.counts,
         remarks=(*_gap_remarks(gaps, sums), *_restless(found, sensors, worth)),
         span=span,

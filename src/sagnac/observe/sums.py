@@ -98,6 +98,11 @@ class Sums:
         """Mean of all samples, shape (axes,)."""
         return np.asarray(self.reference + self.block_sum.sum(axis=0) / self.count)
 
+    @property
+    def sample_noise(self) -> Array:
+        """Noise of single samples from their differences, shape (axes,)."""
+        return np.asarray(np.sqrt(0.5 * self.squared_steps / max(self.count - 1, 1)))
+
     def block_density(self, interval: float) -> tuple[Array, int]:
         """Noise density squared from full blocks, and the degrees of freedom it rests on."""
         usual = self.count / BLOCKS
