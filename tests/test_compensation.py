@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,13 @@ def listed(folder: Path = Path()) -> list[str]:
     return sorted(p.name for p in folder.iterdir())
 
 
+def unit_of(name: str) -> str:
+    kind, term, _ = name.split(".")
+    reading = {"accel": "m/s^2", "gyro": "rad/s"}[kind]
+    units = {"bias": reading, "misalignment": "rad", "g_sensitivity": "rad*s/m", "scale_factor": f"count/({reading})"}
+    return units.get(term, "1")
+
+
 def calibration(values: dict[str, float]):
     return loads(
         json.dumps(
@@ -42,7 +50,8 @@ def calibration(values: dict[str, float]):
                 "schema": "sagnac/calibration/1",
                 "method": "by hand",
                 "parameters": [
-                    {"name": n, "value": v, "unit": "1", "standard_uncertainty": 0.0} for n, v in values.items()
+                    {"name": n, "value": v, "unit": unit_of(n), "standard_uncertainty": 0.0}
+                    for n, v in values.items()
                 ],
                 "covariance": np.zeros((len(values), len(values))).tolist(),
                 "fit": {
@@ -105,7 +114,7 @@ def test_inputs_come_back_and_nothing_is_lost(tmp_path, log, monkeypatch, ending
 
 
 def test_a_second_pass_with_the_identity_changes_nothing(tmp_path, log):
-    identity = calibration({"accel.scale_error.x": 0.0, "gyro.bias.x": 0.0})
+    identity = calibration({f"accel.scale_error.{a}": 0.0 for a in "xyz"} | {"gyro.bias.x": 0.0})
     apply(BOTH, open_recording(log), tmp_path / "one.parquet")
     apply(identity, open_recording(tmp_path / "one.parquet"), tmp_path / "two.csv")
     one, two = open_recording(tmp_path / "one.parquet").read(), open_recording(tmp_path / "two.csv").read()
@@ -194,6 +203,25 @@ def test_units_of_calibration_and_recording_must_agree():
 def test_a_calibration_of_the_other_sensor_is_refused():
     with pytest.raises(DataError, match=r"says nothing about the sensors in mine \(gyro\)"):
         corrections(calibration(ACCEL), from_arrays(TIME, gyro=RATE, name="mine"))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda p: p if p["name"] != "accel.scale_error.z" else None, "gives accel.scale_error of x, y only"),
+        (
+            lambda p: p | ({"unit": "mg"} if p["name"] == "accel.bias.x" else {}),
+            "accel.bias.x in 'mg'; it must be in 'm/s",
+        ),
+        (lambda p: p | ({"value": -1.0} if p["name"] == "accel.scale_error.y" else {}), "an axis has no gain"),
+    ],
+)
+def test_hand_edited_files_are_looked_at(change, said):
+    table = json.loads(calibration(ACCEL).to_json())
+    table["parameters"] = [q for q in map(change, table["parameters"]) if q is not None]
+    table["covariance"] = np.zeros((len(table["parameters"]),) * 2).tolist()
+    with pytest.raises(DataError, match=re.escape(said)):
+        corrections(loads(json.dumps(table)), from_arrays(TIME, FORCE))
 
 
 def test_g_sensitive_gyros_need_accelerometers():

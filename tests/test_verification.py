@@ -39,8 +39,8 @@ def check():
 def test_good_calibration_passes(calibration, check):
     outcome = verify(calibration, recorded(check, 2), check)
     assert outcome.passed
-    assert outcome.degrees_of_freedom == 16
-    assert {c.what for c in outcome.checks} == {"static norm", "rate norm"}
+    assert outcome.degrees_of_freedom == 16 + 16
+    assert {c.what for c in outcome.checks} == {"static norm", "rate norm", "rate axis"}
     assert "PASS" in outcome.summary()
     assert max(abs(c.residual) for c in outcome.checks if c.what == "static norm") < 5e-5
 
@@ -57,6 +57,28 @@ def test_wrong_parameter_fails(calibration, check, name, change):
     outcome = verify(calibration.model_copy(update={"parameters": parameters}), recorded(check, 2), check)
     assert not outcome.passed
     assert "FAIL" in outcome.summary()
+
+
+@pytest.mark.parametrize("turn", ["small", "quarter", "reversed"])
+def test_turned_gyro_axes_fail(calibration, check, turn):
+    """Norms do not see which way the gyros look; the accelerometers in the turning segments do."""
+    columns = np.array([[calibration[n].value for n in row] for row in _gyro_names()]) + np.eye(3)
+    moved = {
+        "small": columns @ np.array([[1, 1e-4, 0], [-1e-4, 1, 0], [0, 0, 1]]),
+        "quarter": columns @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]),
+        "reversed": -columns,
+    }[turn] - np.eye(3)
+    changed = {n: moved[i, j] for i, row in enumerate(_gyro_names()) for j, n in enumerate(row)}
+    parameters = tuple(
+        p.model_copy(update={"value": float(changed.get(p.name, p.value))}) for p in calibration.parameters
+    )
+    outcome = verify(calibration.model_copy(update={"parameters": parameters}), recorded(check, 2), check)
+    assert not outcome.passed
+
+
+def _gyro_names():
+    axes = "xyz"
+    return [[f"gyro.scale_error.{a}" if a == b else f"gyro.misalignment.{a}{b}" for b in axes] for a in axes]
 
 
 @pytest.mark.statistical

@@ -447,7 +447,9 @@ def sample_interval(time: Array) -> float:
 
 
 def _check(name: str, batch: Batch, last: float) -> None:
-    columns: list[tuple[str, NDArray[Any]]] = [("time", batch.time), *batch.rig.items()]
+    # no calibration reads the temperature: a slow or empty channel spoils nothing
+    angles = [(k, v) for k, v in batch.rig.items() if k != "temperature"]
+    columns: list[tuple[str, NDArray[Any]]] = [("time", batch.time), *angles]
     for sensor, values in (("accel", batch.accel), ("gyro", batch.gyro)):
         if values is not None:
             columns += [(axis, values[:, i]) for i, axis in enumerate(SENSORS[sensor])]

@@ -14,22 +14,24 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .calibrate import common, four_position, hand_turned
 from .calibrate.hand_gyros import rotation_misfit
 from .calibration import Calibration, printed
 from .errors import DataError
-from .frames import Array
+from .frames import Array, tangents, unit
 from .observe.means import SegmentMeans, segment_means
 from .observe.static import THRESHOLD, static_intervals
 from .plan import Plan
 from .recording import Recording, from_arrays
 from .rigs.turntable import averaging
-from .sensors import Correction, triad_of
+from .sensors import Correction, correction, invert, triad_of
 
 PASS = 0.01
 """Probability below which the misfits are more than the stated uncertainty allows."""
-_TRIADS = {"accel": "m/s^2", "gyro": "rad/s"}
+_QUANTITY = {"accel": ("static norm", "m/s^2"), "gyro": ("rate norm", "rad/s"), "axis": ("rate axis", "rad")}
+_LEVER = 0.5  # m, one sigma where the calibration does not know the lever arm
 
 
 @dataclass(frozen=True)
@@ -189,6 +191,7 @@ def _judge(
     from scipy.special import chdtrc
 
     parts = [_norms(k, calibration, means, plan, models) for k in ("accel", "gyro") if k in models]
+    parts.append(_axes(calibration, means, plan, models))
     parts = [p for p in parts if p.residual.size]
     if not parts:
         raise DataError("nothing to compare: static segments need accelerometers, turning ones gyros")
@@ -201,7 +204,7 @@ def _judge(
     white = np.linalg.solve(np.linalg.cholesky(covariance), r)
     chi2 = float(white @ white)
     checks = tuple(
-        Check(name, "static norm" if p.kind == "accel" else "rate norm", float(v), float(s), _TRIADS[p.kind])
+        Check(name, _QUANTITY[p.kind][0], float(v), float(s), _QUANTITY[p.kind][1])
         for p, sigma in zip(
             parts, np.split(np.sqrt(np.diag(covariance)), np.cumsum([p.residual.size for p in parts])[:-1]), strict=True
         )
@@ -250,8 +253,6 @@ def _norms(
     inverse = np.linalg.inv(model.matrix)
     u = (readings - model.bias) @ inverse.T
     if np.any(model.quadratic):
-        from .sensors import invert
-
         u = invert(model, means.mean[kind][at])
     size = np.linalg.norm(u, axis=1)
     if kind == "accel":
@@ -272,6 +273,69 @@ def _norms(
         rates[at] * plan.rig.rate_uncertainty if kind == "gyro" else np.full(at.size, plan.gravity_uncertainty)
     )
     return _Norms(kind, names, size - known, _jacobian(kind, calibration, u, along, force), variance, common_error)
+
+
+def _axes(calibration: Calibration, means: SegmentMeans, plan: Plan, models: dict[str, Correction]) -> _Norms:
+    """In turning segments both triads must see one axis: angle between them, two components a segment.
+
+    Both come out of a function of the parameters, whose derivative is taken by central differences.
+    """
+    rates = np.array([s.outer_rate for s in means.segments])
+    at = np.flatnonzero(rates)
+    k = len(calibration.parameters)
+    names = list(calibration.values())
+    triads = {s: triad_of(names, s) for s in ("accel", "gyro")}
+    both = (
+        set(models) == {"accel", "gyro"} and all(triads.values()) and triads["gyro"] is not None and triads["gyro"].full
+    )
+    if not both or at.size == 0 or any(np.any(m.quadratic) for m in models.values()):
+        return _Norms("axis", [], np.zeros(0), np.zeros((0, k)), np.zeros(0), np.zeros(0))
+    values = np.array([p.value for p in calibration.parameters])
+    basis = np.swapaxes(tangents(_seen(calibration, means, at, rates[at], values)[0]), -1, -2)
+
+    def apart(x: Array) -> Array:
+        a, w = _seen(calibration, means, at, rates[at], x)
+        out = (basis @ (w - a)[..., None])[..., 0]
+        out[:, 0] += np.where(np.einsum("ni,ni->n", a, w) < 0, np.pi, 0.0)  # turned right round
+        return np.asarray(out.ravel())
+
+    jacobian = np.zeros((2 * at.size, k))
+    for i in np.flatnonzero([n.startswith(("accel.", "gyro.", "rig.lever")) for n in names]):
+        step = np.where(np.arange(k) == i, 1e-6 * max(abs(values[i]), 1.0), 0.0)
+        jacobian[:, i] = (apart(values + step) - apart(values - step)) / (2 * step[i])
+    variance = np.zeros(at.size)
+    for sensor, size in (("accel", np.full(at.size, plan.site_gravity)), ("gyro", np.abs(rates[at]))):
+        model = models[sensor]
+        gain = float(np.mean(np.linalg.norm(model.matrix, axis=1)))
+        noise = common.noise_of(
+            means, plan, sensor, gain if model.counts else 1.0, float(np.abs(means.mean[sensor]).max())
+        )
+        variance += (
+            means.variance(sensor, noise.density if noise.known else np.zeros(3))[at].mean(axis=1) / (gain * size) ** 2
+        )
+    left = np.abs(averaging(rates[at] * means.interval[at], means.count[at]))
+    latitude = plan.need_latitude("the rate's axis")
+    variance += (left * plan.earth_rate * math.cos(latitude) / rates[at]) ** 2 / 2 + (
+        left * plan.rig.axis_uncertainty
+    ) ** 2
+    if "rig.lever_arm.x" not in names:
+        variance += (rates[at] ** 2 * _LEVER / plan.site_gravity) ** 2
+    named = [means.names[i] for i in np.repeat(at, 2)]
+    return _Norms("axis", named, apart(values), jacobian, np.repeat(variance, 2), np.zeros(2 * at.size))
+
+
+def _seen(
+    calibration: Calibration, means: SegmentMeans, at: NDArray[np.intp], rates: Array, x: Array
+) -> tuple[Array, Array]:
+    """Direction of the outer axis from the accelerometers and from the gyros, (n, 3) each, for parameter values x."""
+    values = dict(zip(calibration.values(), x, strict=True))
+    accel, gyro = correction(values, "accel"), correction(values, "gyro")
+    assert accel is not None and gyro is not None  # noqa: PT018 - the caller has looked
+    force = invert(accel, means.mean["accel"][at])
+    lever = np.array([values.get(f"rig.lever_arm.{axis}", 0.0) for axis in "xyz"])
+    up = unit(force)
+    force = force - (rates**2)[:, None] * (up * (up @ lever)[:, None] - lever)
+    return unit(force), unit(invert(gyro, means.mean["gyro"][at], force)) * np.sign(rates)[:, None]
 
 
 def _jacobian(kind: str, calibration: Calibration, u: Array, along: Array, force: Array | None) -> Array:

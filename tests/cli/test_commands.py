@@ -172,7 +172,7 @@ def test_verify_passes_and_says_so(run, rig, cal):
     assert outcome.status == 0
     result = json.loads(outcome.out)
     assert result["passed"] is True
-    assert len(result["checks"]) == 24  # twelve norms of gravity, twelve of the rate
+    assert len(result["checks"]) == 48  # twelve norms of gravity, twelve of the rate, twelve axes of two components
 
 
 def test_verify_fails_with_status_one(run, rig, cal, tmp_path):

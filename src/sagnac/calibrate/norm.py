@@ -114,15 +114,16 @@ def _earth_at_rest(solution: Solution) -> list[str]:
     seen = np.einsum("ni,ij,nj->n", a, inverse, case.means.mean["gyro"][rest] - bias)
     at = [fit.names.index(f"gyro.bias.{axis}") for axis in "xyz"]
     weight = -(a @ inverse).mean(axis=0)
-    spread = float(np.std(seen)) / np.sqrt(rest.size)
+    rounding = case.means.rounding.get("gyro", np.zeros((1, 3)))
+    spread = float(np.std(seen)) / np.sqrt(rest.size) + float(np.sqrt(rounding.max())) / np.abs(np.diag(matrix)).min()
     sigma = float(np.sqrt(weight @ fit.covariance[np.ix_(at, at)] @ weight)) + spread
     missed = float(seen.mean()) - model.up_rate
     if abs(missed) < 6.0 * sigma or abs(missed) < 0.1 * case.plan.earth_rate:
         return []
     hourly = np.degrees([seen.mean(), model.up_rate]) * 3600.0
     text = (
-        f"at rest the gyros see a vertical rate of {hourly[0]:.3g} deg/h where latitude and Earth rate say {hourly[1]:.3g} deg/h: "
-        "check latitude and its sign, and outer_rate"
+        f"at rest the gyros see a vertical rate of {hourly[0]:.3g} deg/h where latitude and Earth rate say {hourly[1]:.3g} "
+        "deg/h: check latitude and its sign, and outer_rate"
     )
     return [text]
 

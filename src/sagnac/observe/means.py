@@ -21,6 +21,8 @@ from .sums import BLOCKS, Sums
 _STUCK = 10  # equal samples that no noisy axis shows by chance
 _FROZEN_SHARE = 0.2
 _DITHERED = 0.4  # noise, in steps of the converter, from which averaging takes the rounding away
+_FINEST_STEP = 1e-5  # of the range: a converter of 17 bits
+_TELLING = 4  # different values from which a common step is no accident
 _MOVING = 100.0  # times the usual noise, and
 _MOVED = 1e-3  # of the range over all segments: no noise
 _RESOLVED = 1.5  # noise in steps of the converter from which a run of equal samples is suspicious
@@ -213,7 +215,7 @@ def _gather(
         squared, weight = squared + n * own, weight + n
     density = np.sqrt(squared / weight) if weight else np.full(3 * len(sensors), np.nan)
     means = np.array([p.mean for p in sums])
-    finest = np.min([p.finest for p in sums], axis=0)
+    finest = np.minimum(np.min([p.finest for p in sums], axis=0), _lattice(np.array([[p.low, p.high] for p in sums])))
     noise = np.array([p.sample_noise for p in sums])
     rounded = np.where((noise < _DITHERED * finest) & np.isfinite(finest), finest, 0.0) ** 2 / 12.0
     return SegmentMeans(
@@ -228,9 +230,49 @@ def _gather(
         pulse={s: worth[3 * i : 3 * i + 3] for i, s in enumerate(sensors) if s in recording.increments},
         rounding={s: rounded[:, 3 * i : 3 * i + 3] for i, s in enumerate(sensors) if s not in recording.increments},
         counts=recording.counts,
-        remarks=(*_gap_remarks(gaps, sums), *_restless(found, sensors, worth)),
+        remarks=(
+            *_rounding_remarks(rounded, noise, recording, sensors),
+            *_gap_remarks(gaps, sums),
+            *_restless(found, sensors, worth),
+        ),
         span=span,
     )
+
+
+def _rounding_remarks(rounded: Array, noise: Array, recording: Recording, sensors: list[str]) -> list[str]:
+    axes = [a for s in sensors for a in SENSORS[s]]
+    out = []
+    for k, axis in enumerate(axes):
+        if rounded[:, k].any() and axis.partition("_")[0] not in recording.increments:
+            step = np.sqrt(12.0 * rounded[:, k].max())
+            out.append(
+                f"{axis} is rounded to steps of {step:.3g} (SI or counts), coarser than its noise: no averaging takes that away"
+            )
+        elif not noise[:, k].any():
+            out.append(
+                f"{axis} is constant within every segment: rounding coarser than its noise would not be in the uncertainty"
+            )
+    return out
+
+
+def _lattice(extremes: Array) -> Array:
+    """Step of which all readings are whole multiples apart (axes,); infinite where there is none, or too few to tell.
+
+    Readings that stay constant in each segment show their rounding only from segment to segment: the greatest common divisor
+    of their differences (Euclid, with room for rounding in the last place).
+    """
+    out = np.full(extremes.shape[-1], np.inf)
+    for k in range(out.size):
+        values = np.unique(extremes[..., k])
+        if values.size < _TELLING:
+            continue
+        span = float(values[-1] - values[0])
+        step = 0.0
+        for difference in np.diff(values):
+            while difference > 1e-8 * span:
+                step, difference = float(difference), step % difference if step else 0.0  # noqa: PLW2901 - Euclid's swap
+        out[k] = step if step > _FINEST_STEP * span else np.inf
+    return out
 
 
 def _gap_remarks(gaps: list[tuple[float, float]], sums: list[Sums]) -> list[str]:
