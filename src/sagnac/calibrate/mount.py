@@ -17,7 +17,7 @@ from ..estimate import Estimate, Parameter, Rows, estimate
 from ..frames import Array, rot_x, rot_y, rot_z, skew, tangents, wahba
 from ..observe.means import SegmentMeans
 from ..plan import Plan
-from ..rigs.turntable import attitude
+from ..rigs.turntable import TableErrors, attitude
 from .common import need_angles
 
 _FEWEST = 3
@@ -110,13 +110,27 @@ def find(
     parameters = [Parameter(f"rig.mount.{a}", "rad", float(v), 0.5) for a, v in zip("xyz", first, strict=True)]
     parameters += [Parameter(f"rig.tilt.{a}", "rad", 0.0, 0.5, 0.0, tilt) for a in "xy"]
     fit = estimate(parameters, rows, list(means.names), noise_known=stated)
-    turned = weight @ np.swapaxes(basis, -1, -2) @ sensitivity
+    whitened = weight @ np.swapaxes(basis, -1, -2)
+    # errors of the axes are common to all positions: no averaging makes them less
+    axes = -whitened @ (matrix(fit.value[:3]).T @ _axis_effects(settings))
+    fit, _ = fit.consider(axes.reshape(-1, 5), plan.rig.axis_uncertainty**2 * np.eye(5))
+    turned = whitened @ sensitivity
     return Mounting(*fit.consider(turned.reshape(-1, turned.shape[-1]), covariance))
 
 
+def _axis_effects(settings: Array) -> Array:
+    """Derivative of up in k to non-perpendicularity (2) and zero errors (3) of the table, shape (n, 3, 5)."""
+    out = np.zeros((len(settings), 3, 5))
+    for i in range(5):
+        v = np.where(np.arange(5) == i, 1e-6, 0.0)
+        plus, minus = (attitude(settings, TableErrors((0.0, 0.0), (w[0], w[1]), (w[2], w[3], w[4]))) for w in (v, -v))
+        out[:, :, i] = (plus - minus)[:, 2, :] / 2e-6
+    return out
+
+
 def _weights(settings: Array, plan: Plan, basis: Array, first: Array, noise: Array) -> Array:
-    """Whitening (n, 2, 2) of the directions for errors of the settings and of the axes."""
-    sigma = np.hypot(plan.rig.angle_uncertainty, plan.rig.axis_uncertainty) or 1e-6
+    """Whitening (n, 2, 2) of the directions for errors of the settings and the directions' own noise."""
+    sigma = plan.rig.angle_uncertainty or 1e-6
     step = 1e-6
     moved = []
     for i in range(3):
