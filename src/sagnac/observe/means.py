@@ -276,8 +276,12 @@ def _lattice(extremes: Array) -> Array:
 
 
 def _gap_remarks(gaps: list[tuple[float, float]], sums: list[Sums]) -> list[str]:
-    inside = [(p.segment.name, t, g) for t, g in gaps for p in sums if p.segment.start <= t and t + g <= p.segment.stop]
-    return [f"gap of {g:.3g} s at {t:.6g} s in segment {name!r}: excluded" for name, t, g in inside[:20]]
+    inside = [(p.segment, t, g) for t, g in gaps for p in sums if p.segment.start <= t and t + g <= p.segment.stop]
+    turning = "; while turning, what is left of the Earth rate is then only roughly known: better cut the segment there"
+    return [
+        f"gap of {g:.3g} s at {t:.6g} s in segment {s.name!r}: excluded{turning if s.outer_rate else ''}"
+        for s, t, g in inside[:20]
+    ]
 
 
 def _restless(found: list[tuple[Sums, Array, int]], sensors: list[str], worth: Array) -> list[str]:
