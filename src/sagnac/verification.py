@@ -24,7 +24,7 @@ from .frames import Array, tangents, unit
 from .observe.means import SegmentMeans, segment_means
 from .observe.static import THRESHOLD, static_intervals
 from .plan import Plan
-from .recording import Recording, from_arrays
+from .recording import Recording
 from .rigs.turntable import averaging
 from .sensors import Correction, correction, invert, triad_of
 
@@ -146,10 +146,7 @@ def verify(
     means, site = hand_turned.means_of(batch, found, site, recording.counts, recording.name)
     closure = None
     if "gyro" in models and len(found.start) > 1:
-        whole = from_arrays(
-            batch.time, batch.accel, batch.gyro, counts=tuple(recording.counts), name=recording.name
-        ).read()
-        closure = rotation_misfit(whole, found, means, models["accel"], models["gyro"])
+        closure = rotation_misfit(batch, found, means, models["accel"], models["gyro"])
     return _judge(calibration, means, site, models, closure)
 
 

@@ -96,14 +96,9 @@ def site_of(plan: Plan, why: str) -> Site:
 
 def nominal_attitudes(means: SegmentMeans) -> Array | None:
     """C_k^n at the middle of each segment from the table's settings, shape (n, 3, 3), or None when an angle is missing."""
-    settings = [s.angles for s in means.segments]
-    if any(a is None for a in settings):
+    if any(s.angles is None for s in means.segments):
         return None
-    angles = np.array(settings, dtype=float)
-    rates = np.array([s.outer_rate for s in means.segments])
-    starts = np.array([s.start for s in means.segments])
-    angles[:, 0] += rates * (means.mid_time - starts)
-    return attitude(angles)
+    return attitude(need_angles(means, "norm"))
 
 
 def need_angles(means: SegmentMeans, method: str) -> Array:
