@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from .calibrate import common, four_position, hand_turned
 from .calibrate.hand_gyros import rotation_misfit
 from .calibration import Calibration, printed
+from .compensation import corrections
 from .errors import DataError
 from .frames import Array, tangents, unit
 from .observe.means import SegmentMeans, segment_means
@@ -128,8 +129,6 @@ def verify(
     InputError
         When units do not match.
     """
-    from .compensation import corrections
-
     models = corrections(calibration, recording)
     site = plan or Plan(latitude=calibration.site.latitude, gravity=calibration.site.gravity)
     if site.segment:
@@ -243,14 +242,9 @@ def _norms(
     model = models[kind]
     readings = means.mean[kind][at]
     force = None
-    if np.any(model.g_matrix) and "accel" in models:
-        accel = models["accel"]
-        force = (means.mean["accel"][at] - accel.bias) @ np.linalg.inv(accel.matrix).T
-        readings = readings - force @ model.g_matrix.T
-    inverse = np.linalg.inv(model.matrix)
-    u = (readings - model.bias) @ inverse.T
-    if np.any(model.quadratic):
-        u = invert(model, means.mean[kind][at])
+    if kind == "gyro" and "accel" in models:
+        force = invert(models["accel"], means.mean["accel"][at])
+    u = invert(model, readings, force)
     size = np.linalg.norm(u, axis=1)
     if kind == "accel":
         known = np.full(at.size, plan.site_gravity)
@@ -258,11 +252,8 @@ def _norms(
         latitude = plan.need_latitude("the rate norm")
         left = averaging(rates[at] * means.interval[at], means.count[at])
         known = np.hypot(rates[at] + plan.earth_rate * math.sin(latitude), left * plan.earth_rate * math.cos(latitude))
-    along = (u / size[:, None]) @ inverse  # d|u| / dN
-    gain = float(np.mean(np.linalg.norm(model.matrix, axis=1))) if model.counts else 1.0
-    noise = common.noise_of(means, plan, kind, gain, float(np.abs(readings).max()))
-    density = noise.density if noise.known else np.zeros(3)
-    variance = np.einsum("ni,ni->n", along**2, means.variance(kind, density)[at])
+    along = (u / size[:, None]) @ np.linalg.inv(model.matrix)  # d|u| / dN
+    variance = np.einsum("ni,ni->n", along**2, _variance(kind, means, plan, model)[at])
     scatter = calibration.fit.residuals.get("static norm" if kind == "accel" else "rate norm")
     if scatter is not None and "white" not in calibration.fit.uncertainty.split(" / ")[0]:
         variance = variance + scatter.rms**2
@@ -270,6 +261,13 @@ def _norms(
         rates[at] * plan.rig.rate_uncertainty if kind == "gyro" else np.full(at.size, plan.gravity_uncertainty)
     )
     return _Norms(kind, names, size - known, _jacobian(kind, calibration, u, along, force), variance, common_error)
+
+
+def _variance(kind: str, means: SegmentMeans, plan: Plan, model: Correction) -> Array:
+    """Variance of the new means from their noise, (n, 3), in the unit of the readings."""
+    gain = float(np.mean(np.linalg.norm(model.matrix, axis=1))) if model.counts else 1.0
+    noise = common.noise_of(means, plan, kind, gain, float(np.abs(means.mean[kind]).max()))
+    return means.variance(kind, noise.density if noise.known else np.zeros(3))
 
 
 def _axes(calibration: Calibration, means: SegmentMeans, plan: Plan, models: dict[str, Correction]) -> _Norms:
@@ -304,12 +302,7 @@ def _axes(calibration: Calibration, means: SegmentMeans, plan: Plan, models: dic
     for sensor, size in (("accel", np.full(at.size, plan.site_gravity)), ("gyro", np.abs(rates[at]))):
         model = models[sensor]
         gain = float(np.mean(np.linalg.norm(model.matrix, axis=1)))
-        noise = common.noise_of(
-            means, plan, sensor, gain if model.counts else 1.0, float(np.abs(means.mean[sensor]).max())
-        )
-        variance += (
-            means.variance(sensor, noise.density if noise.known else np.zeros(3))[at].mean(axis=1) / (gain * size) ** 2
-        )
+        variance += _variance(sensor, means, plan, model)[at].mean(axis=1) / (gain * size) ** 2
     left = np.abs(averaging(rates[at] * means.interval[at], means.count[at]))
     latitude = plan.need_latitude("the rate's axis")
     variance += (left * plan.earth_rate * math.cos(latitude) / rates[at]) ** 2 / 2 + (

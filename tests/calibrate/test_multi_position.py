@@ -68,7 +68,7 @@ def test_jacobian_equals_central_differences():
     angles = multi_position.common.need_angles(means, "")
     rates = np.array([s.outer_rate for s in plan.segment])
     first = [multi_position._first(s, means, plan, site, angles, rates, []) for s in ("accel", "gyro")]
-    weight = multi_position._whitening(first, means, plan, site, angles, rates)
+    weight = multi_position._whitening(first, means)
     for kind in (multi_position._Full, multi_position._Triangular):
         problem = kind(first, weight, 9.8, 0.17)
         x = np.array([p.start for p in problem.parameters()])

@@ -28,7 +28,7 @@ from ..observe.means import SegmentMeans
 from ..plan import Plan
 from ..recording import Recording
 from ..rigs.turntable import Site, mean_inputs
-from ..sensors import AXES, Triad, signed_permutation
+from ..sensors import Triad
 from . import common, mount, sanity, table_noise
 
 
@@ -75,7 +75,7 @@ def calibrate_means(
     if not sensors:
         raise DataError("multi-position of gyros needs segments with outer_rate; the plan has none")
     first = [_first(s, means, plan, site, angles, rates, remarks) for s in sensors]
-    weight = _whitening(first, means, plan, site, angles, rates)
+    weight = _whitening(first, means)
     model = _Triangular if matrix == "triangular" and "accel" in sensors else _Full
     problem = model(first, weight, site.gravity, float(np.abs(rates).max()))
     known = all(f.known for f in first)
@@ -91,6 +91,8 @@ class _Sensor:
     kind: str
     counts: bool
     inputs: Array
+    effects: Array
+    """One-sigma effects of the table's errors on the inputs, (n, 3, columns shared by the sensors)."""
     readings: Array
     used: NDArray[np.bool_]
     matrix: Array
@@ -170,43 +172,25 @@ def _first(
     if sensor == "gyro":
         remarks += sanity.check_gyro_sense(matrix, counts, "the plan's rates")
     else:
-        remarks += _accel_sense(matrix, counts)
+        remarks += sanity.check_accel_sense(matrix, counts)
     if not counts:
         sanity.check_scale(sensor, matrix)
     gain = float(np.mean(np.linalg.norm(matrix, axis=1))) if counts else 1.0
     noise = common.noise_of(means, plan, sensor, gain, float(np.abs(readings - bias).max()))
     remarks += noise.remarks
-    inputs = inputs + table_noise.effects(sensor, means, plan, site, angles, rates)[0]
-    return _Sensor(sensor, counts, inputs, readings, used, matrix, bias, noise.density, noise.known)
+    displacement, effects = table_noise.effects(sensor, means, plan, site, angles, rates)
+    return _Sensor(
+        sensor, counts, inputs + displacement, effects, readings, used, matrix, bias, noise.density, noise.known
+    )
 
 
-def _accel_sense(matrix: Array, counts: bool) -> list[str]:
-    axes, signs = signed_permutation(matrix)
-    if axes != (0, 1, 2):
-        answers = ", ".join(f"accel_{AXES[i]} answers to {AXES[axes[i]]}" for i in range(3) if axes[i] != i)
-        raise DataError(
-            f"the accelerometers do not answer to the plan's axes: {answers}. Columns are permuted (--map) or the plan's angles "
-            "are in another order"
-        )
-    negative = [f"accel_{AXES[i]}" for i, s in enumerate(signs) if s < 0]
-    if not negative:
-        return []
-    text = f"{', '.join(negative)}: reads minus the specific force (at rest an upward axis must read +g)"
-    if not counts:
-        raise DataError(f"{text}. Change the sign of the column, or the plan's angles")
-    return [f"negative gain of {text}"]
-
-
-def _whitening(
-    sensors: Sequence[_Sensor], means: SegmentMeans, plan: Plan, site: Site, angles: Array, rates: Array
-) -> Array:
+def _whitening(sensors: Sequence[_Sensor], means: SegmentMeans) -> Array:
     """Inverse square root of the covariance of all rows that count, all sensors together."""
     white, columns = [], []
     for s in sensors:
         keep = np.repeat(s.used, 3)
         white.append(means.variance(s.kind, s.density).ravel()[keep])
-        effect = s.matrix @ table_noise.effects(s.kind, means, plan, site, angles, rates)[1]
-        columns.append(effect.reshape(keep.size, -1)[keep])
+        columns.append((s.matrix @ s.effects).reshape(keep.size, -1)[keep])
     shared = np.vstack(columns)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(np.diag(np.concatenate(white)) + shared @ shared.T)))
 

@@ -83,9 +83,8 @@ def solve(means: SegmentMeans, plan: Plan, *, robust: bool = False) -> Solution:
     start = _Start(case)
     model, known = _model(case, start)
     parameters: Sequence[Parameter] = _parameters(case, start, model)
-    if (
-        model.lever
-    ):  # a lever arm can throw the first directions off by more than h: settle it before h's azimuth is freed
+    if model.lever:
+        # a lever arm can throw the first directions off by more than h: settle it before h's azimuth is freed
         parameters = settle(parameters, model.without_azimuths(start.to_b is not None).rows)
     fit = estimate(parameters, model.rows, means.names, noise_known=known, robust=robust)
     if known and not robust and fit.used != "white" and np.ptp(means.duration) > 0:
@@ -207,9 +206,7 @@ class _Start:
             case.remarks.extend(found)
             matrix, a = matrix * signs, a * signs
             self.to_b = wahba(up, a)
-        if not counts:
-            sanity.check_scale("accel", matrix)
-            case.remarks.extend(sanity.common_scale("accel", matrix))
+        case.remarks.extend(sanity.scale_remarks("accel", matrix, counts))
         triad = Triad("accel", counts)
         self.accel, self.directions = (triad, triad.pack(matrix, bias)), a
 
@@ -238,9 +235,7 @@ class _Start:
         solution = np.linalg.lstsq(design, readings, rcond=None)[0]
         matrix, bias = solution[:3].T / size, solution[3]
         case.remarks.extend(sanity.check_gyro_sense(matrix, counts, "the plan's rates"))
-        if not counts:
-            sanity.check_scale("gyro", matrix)
-            case.remarks.extend(sanity.common_scale("gyro", matrix))
+        case.remarks.extend(sanity.scale_remarks("gyro", matrix, counts))
         triad = Triad("gyro", counts, full=True)
         self.gyro = triad, triad.pack(matrix, bias)
 
@@ -249,9 +244,7 @@ class _Start:
         readings, counts = case.means.mean["gyro"], "gyro" in case.means.counts
         along = case.rates[at] + case.earth[1]
         matrix, bias = quadric.fit(readings[at], np.hypot(along, self.level[at]), "gyro")
-        if not counts:
-            sanity.check_scale("gyro", matrix)
-            case.remarks.extend(sanity.common_scale("gyro", matrix))
+        case.remarks.extend(sanity.scale_remarks("gyro", matrix, counts))
         if case.nominal is not None:
             seen = unit(np.asarray(np.linalg.solve(matrix, (readings[at] - bias).T).T)) * np.sign(along)[:, None]
             signs, found = sanity.check_sense("gyro", seen, case.nominal[at, 2, :], counts)
@@ -304,7 +297,7 @@ def _group(case: Case, start: _Start, sigma: dict[str, Array], which: NDArray[np
         variances.append(sigma["accel"][which] ** 2)
     if turning and start.gyro is not None:
         variances.append(sigma["gyro"][which] ** 2)
-    weight = np.einsum("ni,ij->nij", 1.0 / np.sqrt(np.hstack(variances)), np.eye(3 * len(variances)))
+    covariance = np.einsum("ni,ij->nij", np.hstack(variances), np.eye(3 * len(variances)))
     if turning and case.has_accel and case.has_gyro:
         twist = np.full(n, NO_AZIMUTH)
         if start.to_b is not None and case.nominal is not None:
@@ -317,14 +310,13 @@ def _group(case: Case, start: _Start, sigma: dict[str, Array], which: NDArray[np
         elif case.plan.rig.axis_uncertainty > 0 and start.accel is not None:
             matrix = start.accel[0].unpack(start.accel[1])[0]
             tilt = (case.gravity * case.plan.rig.axis_uncertainty * case.left[which]) ** 2
-            total = np.einsum("ni,ij->nij", np.hstack(variances), np.eye(3 * len(variances)))
-            total[:, :3, :3] += tilt[:, None, None] * (matrix @ (np.eye(3) - a[:, :, None] * a[:, None, :]) @ matrix.T)
-            weight = np.linalg.inv(np.linalg.cholesky(total))
+            level = np.eye(3) - a[:, :, None] * a[:, None, :]
+            covariance[:, :3, :3] += tilt[:, None, None] * (matrix @ level @ matrix.T)
     return Group(
         index=which,
         accel=case.means.mean["accel"][which] if start.accel is not None else None,
         gyro=case.means.mean["gyro"][which] if turning and start.gyro is not None else None,
-        weight=weight,
+        weight=np.linalg.inv(np.linalg.cholesky(covariance)),
         rate=case.rates[which],
         level=start.level[which],
         north=start.north[which],
@@ -400,9 +392,9 @@ def _mounting(solution: Solution) -> mount.Mounting | None:
         readings = np.einsum("nii->ni", np.linalg.inv(group.weight))
         noise[group.index] = np.sqrt(np.mean(readings[:, :3] ** 2, axis=1))
     gain = float(np.mean(np.linalg.norm(matrix, axis=1)))
-    across = np.eye(3) - a[:, :, None] * a[:, None, :]
+    level = np.eye(3) - a[:, :, None] * a[:, None, :]
     change = np.einsum("kij,nj->nik", d_matrix, case.gravity * a) + d_bias.T
-    sensitivity = -across @ np.linalg.inv(matrix) @ change / case.gravity
+    sensitivity = -level @ np.linalg.inv(matrix) @ change / case.gravity
     try:
         return mount.find(case.means, case.plan, a, noise / (gain * case.gravity), sensitivity, fit.covariance[:k, :k])
     except DataError:

@@ -71,6 +71,14 @@ def common_scale(kind: str, matrix: Array) -> list[str]:
     return [text]
 
 
+def scale_remarks(kind: str, matrix: Array, counts: bool) -> list[str]:
+    """:func:`check_scale` and :func:`common_scale` for readings in SI; raw counts have no gain to compare with."""
+    if counts:
+        return []
+    check_scale(kind, matrix)
+    return common_scale(kind, matrix)
+
+
 def check_linear(sensor: str, matrix: Array, seen: NDArray[np.bool_]) -> None:
     """Refuse readings whose linear part is no instrument's, as far as the positions show it.
 
@@ -163,6 +171,42 @@ def _turned_mount(turn: Array) -> list[str]:
         "reversed, columns are permuted, or the plan's angles are in another order"
     )
     return [text]
+
+
+def check_accel_sense(matrix: Array, counts: bool) -> list[str]:
+    """Order and signs of the accelerometers against the plan's axes.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (3, 3)
+        First S of the accelerometers in the table's case frame.
+    counts : bool
+        Whether negative gains can be expressed.
+
+    Returns
+    -------
+    list of str
+        Remarks.
+
+    Raises
+    ------
+    DataError
+        Naming the permutation or the reversed axis.
+    """
+    axes, signs = signed_permutation(matrix)
+    if axes != (0, 1, 2):
+        answers = ", ".join(f"accel_{AXES[i]} answers to {AXES[axes[i]]}" for i in range(3) if axes[i] != i)
+        raise DataError(
+            f"the accelerometers do not answer to the plan's axes: {answers}. Columns are permuted (--map) or the plan's angles "
+            "are in another order"
+        )
+    negative = [f"accel_{AXES[i]}" for i, s in enumerate(signs) if s < 0]
+    if not negative:
+        return []
+    text = f"{', '.join(negative)}: {_REVERSED['accel']}"
+    if not counts:
+        raise DataError(f"{text}. Change the sign of the column, or the plan's angles")
+    return [f"negative gain of {text}"]
 
 
 def check_gyro_sense(matrix: Array, counts: bool, against: str) -> list[str]:

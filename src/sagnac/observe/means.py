@@ -200,10 +200,11 @@ def _gather(
     )
     single = count == 1
     steps[single] = [p.segment.stop - p.segment.start for p in sums if p.count == 1]
+    finest = np.min([p.finest for p in sums], axis=0)
     worth = np.zeros(3 * len(sensors))
     for i, s in enumerate(sensors):
         if s in recording.increments:
-            worth[3 * i : 3 * i + 3] = np.min([p.finest for p in sums], axis=0)[3 * i : 3 * i + 3] * interval
+            worth[3 * i : 3 * i + 3] = finest[3 * i : 3 * i + 3] * interval
     worth[~np.isfinite(worth)] = 0.0
     squared, weight = np.zeros(3 * len(sensors)), 0
     found = []
@@ -215,7 +216,7 @@ def _gather(
         squared, weight = squared + n * own, weight + n
     density = np.sqrt(squared / weight) if weight else np.full(3 * len(sensors), np.nan)
     means = np.array([p.mean for p in sums])
-    finest = np.minimum(np.min([p.finest for p in sums], axis=0), _lattice(np.array([[p.low, p.high] for p in sums])))
+    finest = np.minimum(finest, _lattice(np.array([[p.low, p.high] for p in sums])))
     noise = np.array([p.sample_noise for p in sums])
     rounded = np.where((noise < _DITHERED * finest) & np.isfinite(finest), finest, 0.0) ** 2 / 12.0
     return SegmentMeans(
