@@ -40,9 +40,8 @@ def race(ours, baseline, repeats=5):
 
 def hand_turned_log():
     """512 s at 100 Hz, 38 attitudes: the size of the public Xsens recording."""
-    zero = np.zeros((3, 3))
-    accel = Correction(np.diag([414.5, 412.1, 414.5]), np.full(3, 33000.0), zero, np.zeros(3), counts=True)
-    gyro = Correction(np.diag([4781.0, 4766, 4768]), np.full(3, 32700.0), 0.5 * np.eye(3), np.zeros(3), counts=True)
+    accel = Correction("accel", np.diag([414.5, 412.1, 414.5]), np.full(3, 33000.0), counts=True)
+    gyro = Correction("gyro", np.diag([4781.0, 4766, 4768]), np.full(3, 32700.0), 0.5 * np.eye(3), counts=True)
     return simulate_hand_turned(
         accel,
         gyro,

@@ -128,11 +128,8 @@ def test_biases_alone_are_compared_with_fresh_ones():
 
 def test_hand_turned_log_is_verified_without_plan():
     rng = np.random.default_rng(5)
-    zero = np.zeros((3, 3))
-    accel = Correction(np.diag([400.0, 410, 420]), np.array([3e4, 3e4, 3e4]), zero, np.zeros(3), counts=True)
-    gyro = Correction(
-        np.diag([4700.0, 4800, 4900]), np.array([3e4, 3e4, 3e4]), 0.5 * np.eye(3), np.zeros(3), counts=True
-    )
+    accel = Correction("accel", np.diag([400.0, 410, 420]), np.array([3e4, 3e4, 3e4]), counts=True)
+    gyro = Correction("gyro", np.diag([4700.0, 4800, 4900]), np.array([3e4, 3e4, 3e4]), 0.5 * np.eye(3), counts=True)
     first, second = (simulate_hand_turned(accel, gyro, rng, accel_noise=3.0, gyro_noise=23.0) for _ in range(2))
     counts = ("accel", "gyro")
     found = hand_turned.calibrate(from_arrays(*first, counts=counts), Plan(gravity=9.80665))

@@ -31,6 +31,10 @@ _PRINTED = {
     "count": ("count",),
     "m": ("m", "mm"),
     "rad*s/m": ("deg/h/g",),
+    "s^2/m": ("ug/g^2",),
+    "s^4/m^2": ("ug/g^3",),
+    "rad*s^3/m^2": ("deg/h/g^2",),
+    "s": ("ms", "us"),
 }
 
 
@@ -135,6 +139,8 @@ class Calibration(_Record):
     schema_id: Literal["sagnac/calibration/1"] = Field(default="sagnac/calibration/1", alias="schema")
     method: str
     unit: UnitName = UnitName()
+    misalignment: Literal["element", "input-axis"] = "element"
+    """What a misalignment is: element S_ij of the matrix (raw counts: S_ij/S_ii), or S_ij/S_ii, where the input axis points."""
     parameters: tuple[Value, ...] = Field(min_length=1)
     covariance: tuple[tuple[float, ...], ...]
     fit: Fit

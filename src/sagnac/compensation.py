@@ -30,7 +30,7 @@ def corrections(calibration: Calibration, recording: Recording) -> dict[str, Cor
     """
     out = {}
     for sensor in SENSORS:
-        model = correction(calibration.values(), sensor)
+        model = correction(calibration.values(), sensor, ratio=calibration.misalignment == "input-axis")
         if model is None or sensor not in recording.has:
             continue
         if model.counts != (sensor in recording.counts):

@@ -283,7 +283,7 @@ def _axes(calibration: Calibration, means: SegmentMeans, plan: Plan, models: dic
     both = (
         set(models) == {"accel", "gyro"} and all(triads.values()) and triads["gyro"] is not None and triads["gyro"].full
     )
-    if not both or at.size == 0 or any(np.any(m.quadratic) for m in models.values()):
+    if not both or at.size == 0 or any(m.terms for m in models.values()):
         return _Norms("axis", [], np.zeros(0), np.zeros((0, k)), np.zeros(0), np.zeros(0))
     values = np.array([p.value for p in calibration.parameters])
     basis = np.swapaxes(tangents(_seen(calibration, means, at, rates[at], values)[0]), -1, -2)

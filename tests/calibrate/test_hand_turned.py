@@ -22,8 +22,8 @@ SITE = Plan(gravity=9.80665)
 S_A = np.array([[414.5, 0, 0], [1.5, 412.1, 0], [3.7, 8.8, 414.5]])
 S_G = np.array([[4781.0, -42, -53], [-25, 4766, 150], [-75, 108, 4768]])
 G = np.array([[0.1, 0.3, 0.64], [-1.3, 0.05, 0.83], [-0.7, -0.8, 0.25]])
-ACCEL = Correction(S_A, np.array([33124.0, 33275, 32364]), np.zeros((3, 3)), np.zeros(3), counts=True)
-GYRO = Correction(S_G, np.array([32770.0, 32451, 32509]), G, np.zeros(3), counts=True)
+ACCEL = Correction("accel", S_A, np.array([33124.0, 33275, 32364]), counts=True)
+GYRO = Correction("gyro", S_G, np.array([32770.0, 32451, 32509]), G, counts=True)
 
 
 def truth():
@@ -148,8 +148,8 @@ def test_columns_permuted_alike_are_the_same_instrument(log, answer, order):
 
 
 def test_si_readings_with_a_wrong_sign_are_refused():
-    unity = Correction(np.eye(3), np.zeros(3), np.zeros((3, 3)), np.zeros(3), counts=False)
-    time, accel, gyro = simulate_hand_turned(unity, unity, np.random.default_rng(2), accel_noise=0.01, gyro_noise=0.001)
+    unity = [Correction(kind, np.eye(3), np.zeros(3)) for kind in ("accel", "gyro")]
+    time, accel, gyro = simulate_hand_turned(*unity, np.random.default_rng(2), accel_noise=0.01, gyro_noise=0.001)
     good = calibrated(time, accel, gyro, counts=())
     assert abs(good["accel.scale_error.x"].value) < 4 * good["accel.scale_error.x"].standard_uncertainty
     with pytest.raises(DataError, match="all three gyros"):

@@ -8,17 +8,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sagnac.errors import DataError
-from sagnac.sensors import Correction, Triad, correction, forward, invert, signed_permutation, triad_of
+from sagnac.sensors import TERMS, Axis, Correction, Triad, correction, forward, invert, signed_permutation, triad_of
 
 TRIADS = [
-    Triad(kind, counts, full, g_sensitivity)
+    Triad(kind, counts, full, g_sensitivity, ratio)
     for kind in ("accel", "gyro")
-    for counts in (False, True)
+    for counts, ratio in ((False, False), (True, False), (False, True))
     for full in (False, True)
     for g_sensitivity in ((False, True) if kind == "gyro" else (False,))
 ]
-ids = [f"{t.kind}{'-counts' * t.counts}{'-full' * t.full}{'-g' * t.g_sensitivity}" for t in TRIADS]
+ids = [f"{t.kind}{'-counts' * t.counts}{'-full' * t.full}{'-g' * t.g_sensitivity}{'-ratio' * t.ratio}" for t in TRIADS]
 small = st.floats(-0.02, 0.02)
+HIGHER = {
+    "accel": {"k2": 2e-5, "k3": 3e-7, "kip": 1e-5, "kio": -2e-5, "kpo": 4e-5},
+    "gyro": dict(
+        zip(["d_i", "d_o", "d_s", "d_ii", "d_oo", "d_ss", "d_io", "d_is", "d_os"], np.arange(1, 10) * 1e-4, strict=True)
+    ),
+}
 
 
 def parameters(triad: Triad, seed: int) -> np.ndarray:
@@ -63,14 +69,14 @@ def test_derivatives_are_those_of_unpack(triad):
 
 @pytest.mark.parametrize("triad", TRIADS, ids=ids)
 def test_a_triad_is_recognised_by_its_names(triad):
-    assert triad_of([*triad.names, "rig.mount.x"], triad.kind) == triad
+    assert triad_of([*triad.names, "rig.mount.x"], triad.kind, ratio=triad.ratio) == triad
     assert triad_of(triad.names[1:], triad.kind) is None
 
 
 @pytest.mark.parametrize("triad", TRIADS, ids=ids)
 def test_the_correction_is_the_triad(triad):
     x = parameters(triad, 3)
-    model = correction(dict(zip(triad.names, x.tolist(), strict=True)), triad.kind)
+    model = correction(dict(zip(triad.names, x.tolist(), strict=True)), triad.kind, ratio=triad.ratio)
     matrix, bias, g_matrix = triad.unpack(x)
     np.testing.assert_allclose(model.matrix, matrix, rtol=1e-15)
     np.testing.assert_array_equal(model.bias, bias)
@@ -92,7 +98,9 @@ def matrices(values):
 def test_invert_undoes_forward(scale, bias, k2, u, gain):
     # k2 a is at most 2 %: the quadratic term is strong, and its inverse still unique
     g = gain or 1.0
-    model = Correction(g * matrices(scale), g * np.array(bias), np.zeros((3, 3)), np.array(k2), gain is not None)
+    model = Correction(
+        "accel", g * matrices(scale), g * np.array(bias), terms={"k2": np.array(k2)}, counts=gain is not None
+    )
     u = np.array(u).reshape(-1, 3)
     back = invert(model, forward(model, u))
     # condition of these matrices is below 1.3; readings of up to 21 carry 2e-15 of rounding, once in, once out
@@ -102,9 +110,7 @@ def test_invert_undoes_forward(scale, bias, k2, u, gain):
 @given(st.integers(0, 10_000))
 def test_g_sensitive_gyros_are_inverted_with_the_specific_force(seed):
     rng = np.random.default_rng(seed)
-    model = Correction(
-        matrices(0.02 * rng.normal(size=9)), rng.normal(size=3), 1e-2 * rng.normal(size=(3, 3)), np.zeros(3), False
-    )
+    model = Correction("gyro", matrices(0.02 * rng.normal(size=9)), rng.normal(size=3), 1e-2 * rng.normal(size=(3, 3)))
     u, f = rng.normal(size=(2, 7, 3)) * 10
     np.testing.assert_allclose(invert(model, forward(model, u, f), f), u, rtol=0, atol=1e-13)
     with pytest.raises(DataError, match="the gyros are g-sensitive"):
@@ -147,18 +153,19 @@ def test_a_quadratic_term_without_solution_is_refused():
     # a + a^2 is never below -1/4; at 1.8 there is an input, but other ones nearby explain the reading as well
     with (
         np.errstate(over="ignore", invalid="ignore"),
-        pytest.raises(DataError, match="quadratic accelerometer term is too large"),
+        pytest.raises(DataError, match="higher accelerometer terms are too large"),
     ):
         invert(model, np.array([[-1.0, 0, 0]]))
-    with pytest.raises(DataError, match="quadratic accelerometer term is too large"):
+    with pytest.raises(DataError, match="higher accelerometer terms are too large"):
         invert(model, np.array([[1.8, 0, 0]]))
 
 
 @pytest.mark.parametrize(
     "name",
     [
-        "accel.k3.x",
-        "accel.kip.x",
+        "accel.d_i.x",
+        "accel.k4.x",
+        "accel.k2.xy",
         "accel.bias",
         "accel.bias.xy",
         "accel.misalignment.x",
@@ -177,6 +184,38 @@ def test_unknown_parameters_are_refused(name):
 def test_unknown_axes_are_refused(name):
     with pytest.raises(DataError, match=f"no term for the parameter '{name}'"):
         correction({"accel.bias.x": 0.0, name: 0.1}, "accel")
+
+
+@pytest.mark.parametrize("kind", ["accel", "gyro"])
+@pytest.mark.parametrize("gain", [1.0, 16384.0])
+@given(st.integers(0, 10_000))
+def test_the_full_model_is_inverted(kind, gain, seed):
+    # accelerations of 15 g: the terms above add up to 7 % of the reading
+    rng = np.random.default_rng(seed)
+    u, f = 50 * rng.normal(size=(2, 9, 3))
+    terms = {name: size * rng.uniform(-1, 1, 3) for name, size in HIGHER[kind].items()}
+    counts = gain != 1.0
+    model = Correction(
+        kind, gain * matrices(0.01 * rng.normal(size=9)), gain * rng.normal(size=3), terms=terms, counts=counts
+    )
+    back = invert(model, forward(model, u, f), f)
+    np.testing.assert_allclose(back, u, rtol=0, atol=2e-12)
+
+
+@pytest.mark.parametrize("sensor", ["accel.x", "accel.y", "accel.z", "gyro.x", "gyro.y", "gyro.z"])
+def test_the_triad_says_what_its_single_sensors_say(sensor):
+    kind, axis = sensor.split(".")
+    rng = np.random.default_rng(8)
+    f, w = 30 * rng.normal(size=(2, 5, 3))
+    pairs = {"accel.x": (), "accel.y": ("yx",), "accel.z": ("zx", "zy"), "gyro.x": ("xy", "xz"), "gyro.y": ("yx", "yz")}
+    single = Axis(kind, axis, tuple({*TERMS[kind], "scale_error"}), pairs.get(sensor, ("zx", "zy")))
+    x = 1e-3 * rng.normal(size=len(single.names))
+    values = dict(zip(single.names, x.tolist(), strict=True)) | {
+        f"{kind}.scale_error.{a}": 0.0 for a in "xyz" if a != axis
+    }
+    model = correction(values, kind, ratio=True)
+    both = forward(model, f if kind == "accel" else w, f)
+    np.testing.assert_allclose(both[:, "xyz".index(axis)], single.evaluate(x, f, w).value, rtol=1e-13)
 
 
 def test_no_parameters_no_correction():
