@@ -66,8 +66,8 @@ def test_jacobian_equals_central_differences():
     plan, means = made(NOISY, rng=np.random.default_rng(1), rig=Rig(angle_uncertainty=ARCMIN))
     site = multi_position.common.site_of(plan, "")
     angles = multi_position.common.need_angles(means, "")
-    rates = np.array([s.outer_rate for s in plan.segment])
-    first = [multi_position._first(s, means, plan, site, angles, rates, []) for s in ("accel", "gyro")]
+    first = multi_position.first_solutions(("accel", "gyro"), means, plan, site, angles, [])
+    first = [multi_position._displaced(f, means, plan, site, angles) for f in first]
     weight = multi_position._whitening(first, means)
     for kind in (multi_position._Full, multi_position._Triangular):
         problem = kind(first, weight, 9.8, 0.17)

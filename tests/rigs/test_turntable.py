@@ -83,20 +83,50 @@ def test_averaging_at_its_limits():
     assert averaging(math.pi / 100_000, 100_000) == pytest.approx(2 / math.pi, abs=1e-9)
 
 
-@given(settings, st.floats(-2, 2), st.integers(1, 200), st.floats(0.001, 0.1))
-def test_mean_inputs_are_the_average_of_inputs(a, outer_rate, count, interval):
+LETTERS = [("z", "x", "y"), ("z", "y", "x"), ("x", "z", "x"), ("y", "x", "z"), ("z", "x", "z")]
+
+
+@given(settings, st.integers(0, 2), st.floats(-2, 2), st.integers(1, 200), st.floats(0.001, 0.1), errors)
+@pytest.mark.parametrize("letters", LETTERS)
+def test_mean_inputs_are_the_average_of_inputs(letters, a, axis, speed, count, interval, e):
     time = (np.arange(count) - (count - 1) / 2) * interval
     every = np.repeat(a[None], count, axis=0)
-    every[:, 0] += outer_rate * time
+    every[:, axis] += speed * time
     rates = np.zeros((count, 3))
-    rates[:, 0] = outer_rate
-    force, turn = ([math.fsum(column) / count for column in v.T] for v in inputs(every, rates, SITE))
-    mean_force, mean_turn = mean_inputs(
-        a[None], np.array([outer_rate]), np.array([outer_rate * interval]), np.array([count]), SITE
-    )
-    np.testing.assert_allclose(mean_force[0], force, rtol=0, atol=3e-14)  # angles up to 27 rad carry 4e-15
+    rates[:, axis] = speed
+    force, turn = ([math.fsum(column) / count for column in v.T] for v in inputs(every, rates, SITE, e, letters))
+    left = averaging(np.array([speed * interval]), np.array([count]))
+    mean = mean_inputs(a[None], rates[:1], left, SITE, e, letters)
+    np.testing.assert_allclose(mean.force[0], force, rtol=0, atol=6e-14)  # angles up to 27 rad carry 4e-15
     # rounding of a rate of 2 rad/s
-    np.testing.assert_allclose(mean_turn[0], turn, rtol=0, atol=4e-15)
+    np.testing.assert_allclose(mean.rate[0], turn, rtol=0, atol=8e-15)
+
+
+@given(settings, st.integers(0, 2), st.floats(-2, 2), st.floats(-1, 1), errors)
+@pytest.mark.parametrize("letters", LETTERS)
+def test_derivatives_of_the_mean_inputs(letters, a, axis, speed, left, e):
+    rates = np.where(np.arange(3) == axis, speed, 0.0)[None]
+    x = np.array([0, 0, 0, *e.tilt, *e.nonperpendicularity])
+
+    def at(v):
+        moved = TableErrors((v[3], v[4]), (v[5], v[6]), e.zero)
+        return mean_inputs(a[None] + v[:3], rates, np.array([left]), SITE, moved, letters)
+
+    exact, h = at(x), 1e-5
+    for k in range(7):
+        step = np.where(np.arange(7) == k, h, 0.0)
+        plus, minus = at(x + step), at(x - step)
+        for name, size in (("force", 10.0), ("rate", 2.0), ("axis", 1.0)):
+            slope = (getattr(plus, name) - getattr(minus, name)) / (2 * h)
+            # truncation h^2 / 6 of functions with derivatives of their own size, rounding 1e-16 / h
+            np.testing.assert_allclose(getattr(exact, f"d_{name}")[:, :, k], slope, rtol=0, atol=1e-9 * size)
+
+
+@pytest.mark.parametrize("letters", LETTERS)
+def test_letters_say_what_the_axes_turn_about(letters):
+    a = np.array([0.3, -0.7, 1.1])
+    expected = Rotation.from_euler("".join(letters).upper(), a).as_matrix()
+    np.testing.assert_allclose(attitude(a, letters=letters), expected, atol=2e-15)
 
 
 def test_a_perfect_table_is_the_default():

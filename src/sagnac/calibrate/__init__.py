@@ -11,7 +11,14 @@ if TYPE_CHECKING:
     from ..plan import Plan
     from ..recording import Recording
 
-METHODS = ("four-position", "multi-position", "norm")
+RIGS = {
+    "four-position": "turntable",
+    "multi-position": "turntable",
+    "norm": "turntable",
+    "table": "turntable",
+}
+"""Which rig each method is for."""
+METHODS = tuple(RIGS)
 
 
 def calibrate(
@@ -61,21 +68,25 @@ def calibrate(
         return calibrate_hand_turned(recording, plan, threshold=threshold or THRESHOLD, robust=robust)
     if plan is None:
         raise InputError(f"{method} needs a plan (--plan) that says which segment was in which position")
+    if plan.rig.kind != RIGS[method]:
+        raise InputError(f"{method} is for a {RIGS[method]}; the plan says rig.kind = {plan.rig.kind!r}")
+    return _on_table(method, recording, plan, matrix, robust)
+
+
+def _on_table(method: str, recording: Recording, plan: Plan, matrix: str, robust: bool) -> Calibration:
+    """Methods that take the mean of each segment."""
     from ..observe.means import segment_means
+    from . import four_position, multi_position, norm, table
 
     means = segment_means(recording, plan)
     try:
-        if method == "four-position":
-            from . import four_position
-
-            return four_position.calibrate_means(means, plan, recording=recording, robust=robust)
         if method == "multi-position":
-            from . import multi_position
-
             return multi_position.calibrate_means(means, plan, matrix=matrix, recording=recording, robust=robust)
-        from . import norm
-
-        return norm.calibrate_means(means, plan, recording=recording, robust=robust)
+        if method == "four-position":
+            return four_position.calibrate_means(means, plan, recording=recording, robust=robust)
+        if method == "norm":
+            return norm.calibrate_means(means, plan, recording=recording, robust=robust)
+        return table.calibrate_means(means, plan, recording=recording, robust=robust)
     except DataError as error:
         if means.remarks:
             raise DataError(f"{error}\nNoted before: {'; '.join(means.remarks[:5])}") from error

@@ -19,7 +19,7 @@ from ..frames import Array
 from ..observe.means import SegmentMeans
 from ..plan import Plan
 from ..recording import Recording
-from ..rigs.turntable import Site, attitude
+from ..rigs.turntable import Site, attitude, averaging
 
 _POOR = 2.0
 _NOMINAL = 1e-10
@@ -94,11 +94,41 @@ def site_of(plan: Plan, why: str) -> Site:
     return Site(plan.need_latitude(why), plan.site_gravity, plan.earth_rate)
 
 
-def nominal_attitudes(means: SegmentMeans) -> Array | None:
+def nominal_attitudes(means: SegmentMeans, plan: Plan) -> Array | None:
     """C_k^n at the middle of each segment from the table's settings, shape (n, 3, 3), or None when an angle is missing."""
     if any(s.angles is None for s in means.segments):
         return None
-    return attitude(need_angles(means, "norm"))
+    return attitude(need_angles(means, "norm"), letters=plan.rig.letters)
+
+
+def rates_of(means: SegmentMeans) -> Array:
+    """Rates of outer, middle and inner axis, shape (n, 3), rad/s."""
+    return np.array([s.rates for s in means.segments])
+
+
+def left_of(means: SegmentMeans, rates: Array) -> Array:
+    """What averaging leaves of a turning vector in each segment, shape (n,)."""
+    return averaging(rates.sum(axis=1) * means.interval, means.count)
+
+
+def outer_rates(means: SegmentMeans, plan: Plan, method: str) -> Array:
+    """Rates of the outer axis, shape (n,), for methods that take no other and need it vertical.
+
+    Raises
+    ------
+    InputError
+        When another axis turns, or the outer axis is not vertical.
+    """
+    rates = rates_of(means)
+    for s in means.segments:
+        if s.middle_rate or s.inner_rate:
+            raise InputError(
+                f"segment {s.name!r} turns the {'middle' if s.middle_rate else 'inner'} axis; {method} takes turns of the "
+                "outer axis only: use table"
+            )
+    if rates.any() and plan.rig.letters[0] != "z":
+        raise InputError(f"{method} needs a vertical outer axis for turning segments (rig.axes); use table")
+    return np.asarray(rates[:, 0])
 
 
 def need_angles(means: SegmentMeans, method: str) -> Array:
@@ -107,10 +137,8 @@ def need_angles(means: SegmentMeans, method: str) -> Array:
         if s.angles is None:
             raise InputError(f"segment {s.name!r} lacks outer, middle or inner; {method} knows the input from them")
     angles = np.array([s.angles for s in means.segments], dtype=float)
-    angles[:, 0] += np.array([s.outer_rate for s in means.segments]) * (
-        means.mid_time - np.array([s.start for s in means.segments])
-    )
-    return angles
+    since = means.mid_time - np.array([s.start for s in means.segments])
+    return np.asarray(angles + rates_of(means) * since[:, None])
 
 
 def gravity_remarks(plan: Plan) -> list[str]:

@@ -30,7 +30,7 @@ from ..frames import Array, skew
 from ..observe.means import SegmentMeans
 from ..plan import Plan, Segment
 from ..recording import Recording
-from ..rigs.turntable import attitude
+from ..rigs.turntable import Letters, attitude
 from . import common, sanity
 
 _CANCELS = 1e-4
@@ -82,13 +82,13 @@ def calibrate_means(
     InputError
         When a position is not right-handed or lacks its attitude, or the readings are raw counts.
     """
-    moving = [s.name for s in means.segments if s.outer_rate != 0]
+    moving = [s.name for s in means.segments if s.turn_rate != 0]
     if moving:
         raise DataError(f"four-position works on static positions; these turn: {', '.join(moving)}")
     if means.counts:
         raise InputError("four-position needs readings in units of the input; give the nominal scale with --scale")
     site = common.site_of(plan, "the Earth rate that must cancel")
-    to_enu = np.array([_attitude(s) for s in means.segments])
+    to_enu = np.array([_attitude(s, plan.rig.letters) for s in means.segments])
     inputs = {
         "accel": site.gravity * to_enu[:, 2, :],
         "gyro": np.einsum("nji,j->ni", to_enu, site.enu),
@@ -106,7 +106,7 @@ def calibrate_means(
     return _report(done, means, plan, site.gravity, recording, remarks)
 
 
-def _attitude(segment: Segment) -> Array:
+def _attitude(segment: Segment, letters: Letters) -> Array:
     """C_b^n of a position."""
     if segment.x_azimuth is not None and segment.y_azimuth is not None and segment.z is not None:
         x = np.array([math.sin(segment.x_azimuth), math.cos(segment.x_azimuth), 0.0])
@@ -121,7 +121,7 @@ def _attitude(segment: Segment) -> Array:
             )
         return np.column_stack([x, y, z])
     if segment.angles is not None:
-        return attitude(np.array(segment.angles))
+        return attitude(np.array(segment.angles), letters=letters)
     raise InputError(
         f"segment {segment.name!r} gives no attitude: write x_azimuth, y_azimuth and z, or outer, middle and inner"
     )

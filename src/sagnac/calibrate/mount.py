@@ -17,7 +17,7 @@ from ..estimate import Estimate, Parameter, Rows, estimate
 from ..frames import Array, rot_x, rot_y, rot_z, skew, tangents, wahba
 from ..observe.means import SegmentMeans
 from ..plan import Plan
-from ..rigs.turntable import TableErrors, attitude
+from ..rigs.turntable import Letters, TableErrors, attitude
 from .common import need_angles
 
 _FEWEST = 3
@@ -81,15 +81,16 @@ def find(
     if any(s.angles is None for s in means.segments) or len(directions) < _FEWEST:
         return None
     settings = need_angles(means, "the mounting")
-    static = np.array([s.outer_rate == 0 for s in means.segments])
-    nominal = attitude(settings)[:, 2, :]
+    static = np.array([s.turn_rate == 0 for s in means.segments])
+    letters = plan.rig.letters
+    nominal = attitude(settings, letters=letters)[:, 2, :]
     if np.linalg.svd(nominal, compute_uv=False)[1] < 0.1:
         return None
     first = angles_of(wahba(nominal, directions).T)
     basis = tangents(directions)
     weight = _weights(settings, plan, basis, first, noise)
     stated = plan.rig.angle_uncertainty > 0
-    to_enu = attitude(settings)
+    to_enu = attitude(settings, letters=letters)
 
     def rows(x: Array) -> Rows:
         to_b = matrix(x[:3]).T
@@ -112,18 +113,20 @@ def find(
     fit = estimate(parameters, rows, list(means.names), noise_known=stated)
     whitened = weight @ np.swapaxes(basis, -1, -2)
     # errors of the axes are common to all positions: no averaging makes them less
-    axes = -whitened @ (matrix(fit.value[:3]).T @ _axis_effects(settings))
+    axes = -whitened @ (matrix(fit.value[:3]).T @ _axis_effects(settings, letters))
     fit, _ = fit.consider(axes.reshape(-1, 5), plan.rig.axis_uncertainty**2 * np.eye(5))
     turned = whitened @ sensitivity
     return Mounting(*fit.consider(turned.reshape(-1, turned.shape[-1]), covariance))
 
 
-def _axis_effects(settings: Array) -> Array:
+def _axis_effects(settings: Array, letters: Letters) -> Array:
     """Derivative of up in k to non-perpendicularity (2) and zero errors (3) of the table, shape (n, 3, 5)."""
     out = np.zeros((len(settings), 3, 5))
     for i in range(5):
         v = np.where(np.arange(5) == i, 1e-6, 0.0)
-        plus, minus = (attitude(settings, TableErrors((0.0, 0.0), (w[0], w[1]), (w[2], w[3], w[4]))) for w in (v, -v))
+        plus, minus = (
+            attitude(settings, TableErrors((0.0, 0.0), (w[0], w[1]), (w[2], w[3], w[4])), letters) for w in (v, -v)
+        )
         out[:, :, i] = (plus - minus)[:, 2, :] / 2e-6
     return out
 
@@ -136,7 +139,8 @@ def _weights(settings: Array, plan: Plan, basis: Array, first: Array, noise: Arr
     for i in range(3):
         shift = np.zeros(3)
         shift[i] = step
-        moved.append((attitude(settings + shift) - attitude(settings - shift))[:, 2, :] / (2 * step))
+        plus, minus = (attitude(settings + v, letters=plan.rig.letters) for v in (shift, -shift))
+        moved.append((plus - minus)[:, 2, :] / (2 * step))
     in_b = np.stack(moved, axis=2)
     across = np.swapaxes(basis, -1, -2) @ (matrix(first).T @ in_b)
     covariance = sigma**2 * (across @ np.swapaxes(across, -1, -2)) + (noise**2 + (0.01 * sigma) ** 2)[

@@ -14,7 +14,7 @@ the three mounting angles of b in k, and S_g full in b: the same nine numbers pe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +29,7 @@ from ..plan import Plan
 from ..recording import Recording
 from ..rigs.turntable import Site, mean_inputs
 from ..sensors import Triad
-from . import common, mount, sanity, table_noise
+from . import common, explain, mount, sanity, table_noise
 
 
 def calibrate_means(
@@ -68,13 +68,16 @@ def calibrate_means(
     site = common.site_of(plan, "the Earth rate on the gyros")
     remarks = [*means.remarks, *(common.gravity_remarks(plan) if "accel" in means.mean else [])]
     sensors = [s for s in ("accel", "gyro") if s in means.mean]
-    rates = np.array([s.outer_rate for s in means.segments])
+    rates = common.rates_of(means)
     if "gyro" in sensors and not rates.any():
         remarks.append("no turning segments: the gyros were not calibrated")
         sensors.remove("gyro")
     if not sensors:
-        raise DataError("multi-position of gyros needs segments with outer_rate; the plan has none")
-    first = [_first(s, means, plan, site, angles, rates, remarks) for s in sensors]
+        raise DataError("multi-position of gyros needs segments that turn (outer_rate); the plan has none")
+    explain.refuse_missing_turns(means, rates)
+    first = [
+        _displaced(f, means, plan, site, angles) for f in first_solutions(sensors, means, plan, site, angles, remarks)
+    ]
     weight = _whitening(first, means)
     model = _Triangular if matrix == "triangular" and "accel" in sensors else _Full
     problem = model(first, weight, site.gravity, float(np.abs(rates).max()))
@@ -85,20 +88,20 @@ def calibrate_means(
 
 
 @dataclass(frozen=True)
-class _Sensor:
+class FirstSolution:
     """One triad: inputs in k, readings, which segments count, first S and b in k, noise."""
 
     kind: str
     counts: bool
     inputs: Array
-    effects: Array
-    """One-sigma effects of the table's errors on the inputs, (n, 3, columns shared by the sensors)."""
     readings: Array
     used: NDArray[np.bool_]
     matrix: Array
     bias: Array
     density: Array
     known: bool
+    effects: Array = field(default_factory=lambda: np.zeros((0, 3, 0)))
+    """One-sigma effects of the table's errors on the inputs, (n, 3, columns shared by the sensors)."""
 
 
 class _Linear(NamedTuple):
@@ -110,8 +113,11 @@ class _Linear(NamedTuple):
     bias: Array
 
 
-def _linear(sensor: str, means: SegmentMeans, site: Site, angles: Array, rates: Array) -> _Linear:
-    inputs = mean_inputs(angles, rates, rates * means.interval, means.count, site)[0 if sensor == "accel" else 1]
+def _linear(sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Array) -> _Linear:
+    rates = common.rates_of(means)
+    left = common.left_of(means, rates)
+    felt = mean_inputs(angles, rates, left, site, letters=plan.rig.letters, derivatives=False)
+    inputs, rates = felt.force if sensor == "accel" else felt.rate, rates.sum(axis=1)
     # a lever arm would show in the accelerometers of turning segments
     used = np.asarray(rates == 0) if sensor == "accel" else np.ones(len(rates), dtype=np.bool_)
     if not used.any():
@@ -143,31 +149,43 @@ def closed_form(means: SegmentMeans, plan: Plan) -> dict[str, float]:
     """
     angles = common.need_angles(means, "multi-position")
     site = common.site_of(plan, "the Earth rate on the gyros")
-    rates = np.array([s.outer_rate for s in means.segments])
-    accel, gyro = (_linear(s, means, site, angles, rates) for s in ("accel", "gyro"))
-    static = rates == 0
+    accel, gyro = (_linear(s, means, plan, site, angles) for s in ("accel", "gyro"))
+    static = common.rates_of(means).sum(axis=1) == 0
     bias = gyro.bias
     if static.any():  # angle errors times the table's rate would drown the bias in turning segments
         bias = (means.mean["gyro"] - gyro.inputs @ gyro.matrix.T)[static].mean(axis=0)
-    to_b = _frame_of(accel.matrix)
+    to_b = frame_of(accel.matrix)
     first, second = Triad("accel"), Triad("gyro", full=True)
     out = dict(zip(first.names, first.pack(accel.matrix @ to_b.T, accel.bias), strict=True))
     out |= dict(zip(second.names, second.pack(gyro.matrix @ to_b.T, bias), strict=True))
     return out | {f"rig.mount.{a}": v for a, v in zip("xyz", mount.angles_of(to_b.T), strict=True)}
 
 
-def _frame_of(matrix: Array) -> Array:
+def frame_of(matrix: Array) -> Array:
     """C_k^b of the accelerometers' own frame: S_k = L C_k^b with L lower triangular, its diagonal of S_k's signs."""
     q, r = np.linalg.qr(matrix.T)
     return np.asarray((q * np.sign(np.diag(r) * np.diag(matrix))).T)
 
 
+def first_solutions(
+    sensors: Sequence[str], means: SegmentMeans, plan: Plan, site: Site, angles: Array, remarks: list[str]
+) -> list[FirstSolution]:
+    """Unweighted linear solutions, looked at for signs, columns and units, and the noise to weigh with.
+
+    Raises
+    ------
+    DataError
+        When the positions do not excite all axes, or signs, columns, units or the plan's angles are wrong.
+    """
+    return [_first(s, means, plan, site, angles, remarks) for s in sensors]
+
+
 def _first(
-    sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Array, rates: Array, remarks: list[str]
-) -> _Sensor:
-    """Unweighted linear solution, looked at for signs, columns and units, and the noise to weigh with."""
+    sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Array, remarks: list[str]
+) -> FirstSolution:
+    explain.refuse_other_reading(sensor, means, plan, site)
     counts = sensor in means.counts
-    inputs, used, matrix, bias = _linear(sensor, means, site, angles, rates)
+    inputs, used, matrix, bias = _linear(sensor, means, plan, site, angles)
     readings = means.mean[sensor]
     if sensor == "gyro":
         remarks += sanity.check_gyro_sense(matrix, counts, "the plan's rates")
@@ -178,13 +196,16 @@ def _first(
     gain = float(np.mean(np.linalg.norm(matrix, axis=1))) if counts else 1.0
     noise = common.noise_of(means, plan, sensor, gain, float(np.abs(readings - bias).max()))
     remarks += noise.remarks
-    displacement, effects = table_noise.effects(sensor, means, plan, site, angles, rates)
-    return _Sensor(
-        sensor, counts, inputs + displacement, effects, readings, used, matrix, bias, noise.density, noise.known
-    )
+    return FirstSolution(sensor, counts, inputs, readings, used, matrix, bias, noise.density, noise.known)
 
 
-def _whitening(sensors: Sequence[_Sensor], means: SegmentMeans) -> Array:
+def _displaced(first: FirstSolution, means: SegmentMeans, plan: Plan, site: Site, angles: Array) -> FirstSolution:
+    """The same with what the table's uncertainty does to the inputs."""
+    displacement, effects = table_noise.effects(first.kind, means, plan, site, angles)
+    return replace(first, inputs=first.inputs + displacement, effects=effects)
+
+
+def _whitening(sensors: Sequence[FirstSolution], means: SegmentMeans) -> Array:
     """Inverse square root of the covariance of all rows that count, all sensors together."""
     white, columns = [], []
     for s in sensors:
@@ -198,7 +219,7 @@ def _whitening(sensors: Sequence[_Sensor], means: SegmentMeans) -> Array:
 class _Full:
     """S full in k for each sensor; linear."""
 
-    def __init__(self, sensors: Sequence[_Sensor], weight: Array, gravity: float, rate: float) -> None:
+    def __init__(self, sensors: Sequence[FirstSolution], weight: Array, gravity: float, rate: float) -> None:
         self.sensors, self.weight = sensors, weight
         self.triads = [Triad(s.kind, s.counts, full=True) for s in self.sensors]
         self.sizes = {"accel": gravity, "gyro": rate}
@@ -226,11 +247,11 @@ class _Full:
 class _Triangular:
     """S_a lower triangular in b, mounting angles of b in k, S_g full in b."""
 
-    def __init__(self, sensors: Sequence[_Sensor], weight: Array, gravity: float, rate: float) -> None:
+    def __init__(self, sensors: Sequence[FirstSolution], weight: Array, gravity: float, rate: float) -> None:
         self.sensors, self.weight = sensors, weight
         self.triads = [Triad(s.kind, s.counts, full=s.kind == "gyro") for s in self.sensors]
         self.sizes = {"accel": gravity, "gyro": rate}
-        self.to_b = _frame_of(self.sensors[0].matrix)
+        self.to_b = frame_of(self.sensors[0].matrix)
         self.mount = mount.angles_of(self.to_b.T)
 
     def parameters(self) -> list[Parameter]:
@@ -265,7 +286,7 @@ class _Stack:
     def __init__(self) -> None:
         self.parts: list[Rows] = []
 
-    def add(self, s: _Sensor, predicted: Array, jac: Array) -> None:
+    def add(self, s: FirstSolution, predicted: Array, jac: Array) -> None:
         """Append residual and derivative of a sensor's readings."""
         keep = np.repeat(s.used, 3)
         index = np.repeat(np.arange(len(s.readings)), 3)[keep]

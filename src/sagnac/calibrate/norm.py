@@ -16,9 +16,9 @@ from ..frames import Array, unit, wahba
 from ..observe.means import SegmentMeans
 from ..plan import Plan
 from ..recording import Recording
-from ..rigs.turntable import averaging
+from ..rigs.turntable import Site, averaging
 from ..sensors import Triad
-from . import common, mount, quadric, sanity
+from . import common, explain, mount, quadric, sanity
 from .norm_model import NO_AZIMUTH, Group, NormModel, across
 
 _LEVER_PRIOR = 0.5  # m: no unit sits further from the axis of a turntable
@@ -80,7 +80,12 @@ def solve(means: SegmentMeans, plan: Plan, *, robust: bool = False) -> Solution:
     the noise, and a long segment is no better than a short one.
     """
     case = Case.of(means, plan)
-    start = _Start(case)
+    explain.refuse_missing_turns(means, common.rates_of(means))
+    if case.nominal is not None:
+        site = Site(plan.latitude or 0.0, case.gravity, plan.earth_rate if plan.latitude is not None else 0.0)
+        for sensor in ("accel",) * case.has_accel + ("gyro",) * case.has_gyro:
+            explain.refuse_other_reading(sensor, means, plan, site)
+    start = Start(case)
     model, known = _model(case, start)
     parameters: Sequence[Parameter] = _parameters(case, start, model)
     if model.lever:
@@ -153,7 +158,7 @@ class Case:
     @classmethod
     def of(cls, means: SegmentMeans, plan: Plan) -> Case:
         """Gather what a plan and its means give."""
-        rates = np.array([s.outer_rate for s in means.segments])
+        rates = common.outer_rates(means, plan, "norm")
         has_accel = "accel" in means.mean
         has_gyro = "gyro" in means.mean and bool(rates.any())
         remarks = [*means.remarks, *(common.gravity_remarks(plan) if has_accel else [])]
@@ -174,13 +179,23 @@ class Case:
             plan.site_gravity,
             earth,
             averaging(rates * means.interval, means.count),
-            common.nominal_attitudes(means),
+            common.nominal_attitudes(means, plan),
             remarks,
         )
 
 
-class _Start:
-    """First matrices and directions: exact for noise-free data without lever arm and tilt."""
+class Start:
+    """First matrices and directions: exact for noise-free data without lever arm and tilt.
+
+    Attributes
+    ----------
+    accel, gyro : (Triad, ndarray) or None
+        Parameterisation and first values of each triad.
+    to_b : ndarray, shape (3, 3), or None
+        C_k^b from the settings, where the plan gives them.
+    directions : ndarray, shape (n, 3)
+        Up, or the outer axis, in b.
+    """
 
     def __init__(self, case: Case) -> None:
         self.accel: tuple[Triad, Array] | None = None
@@ -256,7 +271,7 @@ class _Start:
         self.gyro = triad, triad.pack(matrix, bias)
 
 
-def _model(case: Case, start: _Start) -> tuple[NormModel, bool]:
+def _model(case: Case, start: Start) -> tuple[NormModel, bool]:
     """The residuals and whether their noise is known."""
     known, sigma = True, {}
     for sensor, first in (("accel", start.accel), ("gyro", start.gyro)):
@@ -289,7 +304,7 @@ def _model(case: Case, start: _Start) -> tuple[NormModel, bool]:
     return model, known
 
 
-def _group(case: Case, start: _Start, sigma: dict[str, Array], which: NDArray[np.intp], known: bool) -> Group:
+def _group(case: Case, start: Start, sigma: dict[str, Array], which: NDArray[np.intp], known: bool) -> Group:
     turning = bool(case.turning[which].all())
     n, a = which.size, start.directions[which]
     variances, lean, twist = [], np.zeros((n, 3, 2)), None
@@ -326,7 +341,7 @@ def _group(case: Case, start: _Start, sigma: dict[str, Array], which: NDArray[np
     )
 
 
-def _parameters(case: Case, start: _Start, model: NormModel) -> list[Parameter]:
+def _parameters(case: Case, start: Start, model: NormModel) -> list[Parameter]:
     out = []
     sizes = {"accel": case.gravity, "gyro": float(np.abs(case.rates).max())}
     for first in (start.accel, start.gyro):

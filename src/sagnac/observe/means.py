@@ -159,7 +159,7 @@ def _refuse_saturated(name: str, sums: list[Sums], sensors: list[str]) -> None:
     """An axis that stays on one extreme value while it is noisy elsewhere is saturated or stuck."""
     axes = [a for s in sensors for a in SENSORS[s]]
     noise = np.array([p.sample_noise for p in sums])
-    turning = np.array([p.segment.outer_rate != 0 for p in sums])
+    turning = np.array([p.segment.turn_rate != 0 for p in sums])
     finest = np.min([p.finest for p in sums], axis=0)
     low, high = np.min([p.low for p in sums], axis=0), np.max([p.high for p in sums], axis=0)
     alive = noise.max(axis=0) > 0
@@ -280,7 +280,7 @@ def _gap_remarks(gaps: list[tuple[float, float]], sums: list[Sums]) -> list[str]
     inside = [(p.segment, t, g) for t, g in gaps for p in sums if p.segment.start <= t and t + g <= p.segment.stop]
     turning = "; while turning, what is left of the Earth rate is then only roughly known: better cut the segment there"
     return [
-        f"gap of {g:.3g} s at {t:.6g} s in segment {s.name!r}: excluded{turning if s.outer_rate else ''}"
+        f"gap of {g:.3g} s at {t:.6g} s in segment {s.name!r}: excluded{turning if s.turn_rate else ''}"
         for s, t, g in inside[:20]
     ]
 

@@ -61,8 +61,8 @@ class Sums:
         self.block_sum[present] += np.add.reduceat(values - self.reference, edges[present], axis=0)
         self.block_count += np.diff(edges, append=time.size)
         when = time - self.segment.start
-        turn = self.segment.outer_rate * when
-        known = [when, np.cos(turn), np.sin(turn)] if self.segment.outer_rate else [when]
+        turn = self.segment.turn_rate * when
+        known = [when, np.cos(turn), np.sin(turn)] if self.segment.turn_rate else [when]
         for i, values_of in enumerate(known):
             self.shape[present, i] += np.add.reduceat(values_of, edges[present])
         self._extremes(values)
@@ -107,7 +107,7 @@ class Sums:
         """Noise density squared from full blocks, and the degrees of freedom it rests on."""
         usual = self.count / BLOCKS
         full = np.flatnonzero(self.block_count >= max(0.8 * usual, 1.0))
-        columns = 3 if self.segment.outer_rate else 1
+        columns = 3 if self.segment.turn_rate else 1
         dof = full.size - columns - 1
         if self.count < BLOCKS or dof < 2:
             return np.zeros(self.axes), 0
