@@ -113,24 +113,36 @@ class _Linear(NamedTuple):
     bias: Array
 
 
-def _linear(sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Array) -> _Linear:
+def _linear(
+    sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Array, *, turning: bool = False
+) -> _Linear:
     rates = common.rates_of(means)
     left = common.left_of(means, rates)
     felt = mean_inputs(angles, rates, left, site, letters=plan.rig.letters, derivatives=False)
     inputs, rates = felt.force if sensor == "accel" else felt.rate, rates.sum(axis=1)
     # a lever arm would show in the accelerometers of turning segments
     used = np.asarray(rates == 0) if sensor == "accel" else np.ones(len(rates), dtype=np.bool_)
+    if turning and not _enough(inputs[used]):
+        used = np.ones_like(used)
     if not used.any():
         raise DataError("multi-position needs static segments for the accelerometers; all segments turn")
-    size = float(np.abs(inputs).max())
-    design = np.column_stack([inputs[used] / size, np.ones(used.sum())])
-    if np.linalg.matrix_rank(design, tol=1e-6 * np.linalg.norm(design)) < 4:
+    if not _enough(inputs[used]):
         raise DataError(
             f"the {used.sum()} segments do not excite all three {sensor} axes in both senses: scale, misalignment and bias "
             "cannot be told apart. Add positions"
         )
+    size = float(np.abs(inputs).max())
+    design = np.column_stack([inputs[used] / size, np.ones(used.sum())])
     solution = np.linalg.lstsq(design, means.mean[sensor][used], rcond=None)[0]
     return _Linear(inputs, used, solution[:3].T / size, solution[3])
+
+
+def _enough(inputs: Array) -> bool:
+    """Whether inputs (n, 3) determine three gains and a bias of an axis."""
+    if len(inputs) == 0:
+        return False
+    design = np.column_stack([inputs / np.abs(inputs).max(), np.ones(len(inputs))])
+    return bool(np.linalg.matrix_rank(design, tol=1e-6 * np.linalg.norm(design)) == 4)
 
 
 def closed_form(means: SegmentMeans, plan: Plan) -> dict[str, float]:
@@ -168,24 +180,39 @@ def frame_of(matrix: Array) -> Array:
 
 
 def first_solutions(
-    sensors: Sequence[str], means: SegmentMeans, plan: Plan, site: Site, angles: Array, remarks: list[str]
+    sensors: Sequence[str],
+    means: SegmentMeans,
+    plan: Plan,
+    site: Site,
+    angles: Array,
+    remarks: list[str],
+    *,
+    turning: bool = False,
 ) -> list[FirstSolution]:
     """Unweighted linear solutions, looked at for signs, columns and units, and the noise to weigh with.
+
+    With `turning`, accelerometers that lack static segments are solved from those that turn as well, as a first value.
 
     Raises
     ------
     DataError
         When the positions do not excite all axes, or signs, columns, units or the plan's angles are wrong.
     """
-    return [_first(s, means, plan, site, angles, remarks) for s in sensors]
+    return [_first(s, means, plan, site, angles, remarks, turning) for s in sensors]
 
 
 def _first(
-    sensor: str, means: SegmentMeans, plan: Plan, site: Site, angles: Array, remarks: list[str]
+    sensor: str,
+    means: SegmentMeans,
+    plan: Plan,
+    site: Site,
+    angles: Array,
+    remarks: list[str],
+    turning: bool,
 ) -> FirstSolution:
     explain.refuse_other_reading(sensor, means, plan, site)
     counts = sensor in means.counts
-    inputs, used, matrix, bias = _linear(sensor, means, plan, site, angles)
+    inputs, used, matrix, bias = _linear(sensor, means, plan, site, angles, turning=turning)
     readings = means.mean[sensor]
     if sensor == "gyro":
         remarks += sanity.check_gyro_sense(matrix, counts, "the plan's rates")

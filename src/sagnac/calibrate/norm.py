@@ -79,18 +79,7 @@ def solve(means: SegmentMeans, plan: Plan, *, robust: bool = False) -> Solution:
     Segments that scatter by more than their noise are weighed alike in a second fit: what makes them differ is then not
     the noise, and a long segment is no better than a short one.
     """
-    case = Case.of(means, plan)
-    explain.refuse_missing_turns(means, common.rates_of(means))
-    if case.nominal is not None:
-        site = Site(plan.latitude or 0.0, case.gravity, plan.earth_rate if plan.latitude is not None else 0.0)
-        for sensor in ("accel",) * case.has_accel + ("gyro",) * case.has_gyro:
-            explain.refuse_other_reading(sensor, means, plan, site)
-    start = Start(case)
-    model, known = _model(case, start)
-    parameters: Sequence[Parameter] = _parameters(case, start, model)
-    if model.lever:
-        # a lever arm can throw the first directions off by more than h: settle it before h's azimuth is freed
-        parameters = settle(parameters, model.without_azimuths(start.to_b is not None).rows)
+    case, start, model, known, parameters = prepare(means, plan)
     fit = estimate(parameters, model.rows, means.names, noise_known=known, robust=robust)
     if known and not robust and fit.used != "white" and np.ptp(means.duration) > 0:
         alike = replace(means, duration=np.full_like(means.duration, means.duration.mean()))
@@ -103,6 +92,33 @@ def solve(means: SegmentMeans, plan: Plan, *, robust: bool = False) -> Solution:
     solution = Solution(fit, model, case)
     case.remarks.extend(_earth_at_rest(solution))
     return solution
+
+
+class Prepared(NamedTuple):
+    """A problem before it is solved: what there is, first values, residuals, whether their noise is known, parameters."""
+
+    case: Case
+    start: Start
+    model: NormModel
+    known: bool
+    parameters: Sequence[Parameter]
+
+
+def prepare(means: SegmentMeans, plan: Plan) -> Prepared:
+    """Model and parameters of :func:`solve` (same parameters and errors)."""
+    case = Case.of(means, plan)
+    explain.refuse_missing_turns(means, common.rates_of(means))
+    if case.nominal is not None:
+        site = Site(plan.latitude or 0.0, case.gravity, plan.earth_rate if plan.latitude is not None else 0.0)
+        for sensor in ("accel",) * case.has_accel + ("gyro",) * case.has_gyro:
+            explain.refuse_other_reading(sensor, means, plan, site)
+    start = Start(case)
+    model, known = _model(case, start)
+    parameters: Sequence[Parameter] = _parameters(case, start, model)
+    if model.lever:
+        # a lever arm can throw the first directions off by more than h: settle it before h's azimuth is freed
+        parameters = settle(parameters, model.without_azimuths(start.to_b is not None).rows)
+    return Prepared(case, start, model, known, parameters)
 
 
 def _earth_at_rest(solution: Solution) -> list[str]:

@@ -74,7 +74,7 @@ def prepare(means: SegmentMeans, plan: Plan) -> tuple[TableModel, list[Parameter
         sensors.remove("gyro")
     if not sensors:
         raise DataError("table calibration of gyros needs segments that turn (outer_rate); the plan has none")
-    linear = multi_position.first_solutions(sensors, means, plan, site, angles, remarks)
+    linear = multi_position.first_solutions(sensors, means, plan, site, angles, remarks, turning=True)
     to_b = multi_position.frame_of(linear[0].matrix)
     triads, start, sigma = {}, {}, {}
     free = _free_of_settings(means, plan)

@@ -11,6 +11,7 @@ import typer
 
 from .._version import __version__
 from . import options
+from .commands_plan import plan_app
 
 app = typer.Typer(
     name="sagnac",
@@ -20,6 +21,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
+
+
+app.add_typer(plan_app)
 
 
 class Matrix(StrEnum):
@@ -64,7 +68,7 @@ def demo(
     "`sagnac calibrate norm log.csv --gravity '9.81744 m/s^2' --out cal.json`"
 )
 def calibrate(
-    method: Annotated[str, typer.Argument(help="four-position, multi-position or norm.", metavar="METHOD")],
+    method: Annotated[str, typer.Argument(help="four-position, multi-position, norm or table.", metavar="METHOD")],
     recording: options.RecordingFile,
     plan: options.PlanFile = None,
     out: Annotated[Path | None, typer.Option("--out", help="Calibration file to write (JSON).")] = None,

@@ -39,6 +39,10 @@ Threshold = Annotated[
         help="Hand-turned units: variance, over that of the quietest windows, up to which a window is static.",
     ),
 ]
+Sensors = Annotated[
+    str,
+    typer.Option(help="Recorded triads or single sensors: accel,gyro or accel_z; default: those with noise stated."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for machines.")]
 
 
@@ -59,6 +63,11 @@ def pairs(text: str | None, option: str) -> dict[str, str]:
             raise InputError(f"{option} {text!r}: write name=value pairs with commas between, not {part.strip()!r}")
         out[name.strip()] = value.strip()
     return out
+
+
+def sensors_of(text: str) -> tuple[str, ...] | None:
+    """Sensors named with commas between; None when there are none."""
+    return tuple(part.strip() for part in text.split(",") if part.strip()) or None
 
 
 def keep_inputs(*outputs: tuple[str, Path | None], inputs: tuple[Path | None, ...]) -> None:
