@@ -81,3 +81,34 @@ def segment_means(time, samples, plan):
             means.append(values[i:j].mean(axis=0))
         out[sensor] = np.array(means)
     return out
+
+
+def table_by_scipy(readings, sigma, plan, angles, left, least_squares):
+    """Joint calibration on a table with every setting's error among the unknowns: SciPy, derivatives by differences.
+
+    The unknowns are S_a, b_a (9), S_g, b_g (12), mounting (3), lever arm (3), seven errors of the table, and three settings a
+    segment. Returns the first 21.
+    """
+    from scipy.spatial.transform import Rotation
+
+    from sagnac.rigs.turntable import Site, TableErrors, mean_inputs
+
+    rates = np.array([s.rates for s in plan.segment])
+    site = Site(plan.latitude, plan.site_gravity, plan.earth_rate)
+    rig, n, low = plan.rig, len(angles), np.tril_indices(3)
+
+    def residual(x):
+        q, settings = x[27:34] * rig.axis_uncertainty, x[34:].reshape(n, 3) * rig.angle_uncertainty
+        errors = TableErrors((q[0], q[1]), (q[2], q[3]), (q[4], q[5], q[6]))
+        felt = mean_inputs(angles + settings, rates, left, site, errors, derivatives=False)
+        to_b = Rotation.from_euler("XYZ", x[21:24]).as_matrix().T
+        s_a = np.eye(3)
+        s_a[low] += x[:6]
+        axis = felt.axis @ to_b.T
+        force = felt.force @ to_b.T + rates.sum(axis=1)[:, None] ** 2 * (axis * (axis @ x[24:27])[:, None] - x[24:27])
+        accel = force @ s_a.T + x[6:9]
+        gyro = felt.rate @ to_b.T @ (np.eye(3) + x[9:18].reshape(3, 3)).T + x[18:21]
+        parts = [(readings["accel"] - accel) / sigma["accel"], (readings["gyro"] - gyro) / sigma["gyro"]]
+        return np.concatenate([*(p.ravel() for p in parts), x[24:27] / 0.5, x[27:]])
+
+    return least_squares(residual, np.zeros(34 + 3 * n), x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12).x[:21]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .calibrate import calibrate, multi_position, norm
+from .calibrate import calibrate, multi_position, norm, table
 from .calibration import Calibration
 from .earth import STANDARD_GRAVITY
 from .files import write_atomically
@@ -205,10 +205,10 @@ def _digits(sigma: float) -> int:
 
 
 def angle_curves(rng: np.random.Generator, runs: int = 12) -> dict[str, dict[str, Array]]:
-    """Rms error against the table's angle error, norm and multi-position, as [DONG18] compares them.
+    """Rms error against the table's angle error: norm and multi-position, as [DONG18] compares them, and table.
 
     One reading a position with the published noise. Multi-position is the traditional closed form, which trusts the
-    settings.
+    settings; table is the joint estimator, told how far the settings can be trusted.
 
     Parameters
     ----------
@@ -221,26 +221,31 @@ def angle_curves(rng: np.random.Generator, runs: int = 12) -> dict[str, dict[str
     dict of parameter to dict of method to ndarray, shape (5,), SI
     """
     unit = laser_gyro_unit(gyro_density=0.01 * _DEG_H)
-    out = {name: {"norm": np.zeros(len(ANGLES)), "multi-position": np.zeros(len(ANGLES))} for name in PUBLISHED_CURVES}
+    methods = ("norm", "multi-position", "table")
+    out = {name: {m: np.zeros(len(ANGLES)) for m in methods} for name in PUBLISHED_CURVES}
     for i, angle in enumerate(ANGLES):
-        stated = table_plan(unit, ICOSAHEDRON, dwell=1.0, turning=1.0, move=1.0, angle_uncertainty=float(angle))
+        sigma = float(angle) / np.sqrt(3.0)  # of a uniform error of +-angle
+        stated = table_plan(unit, ICOSAHEDRON, dwell=1.0, turning=1.0, move=1.0, angle_uncertainty=sigma)
         for _ in range(runs):
-            table = imperfect_table(stated, rng, setting=float(angle))
-            for name, (by_norm, by_table) in _one(unit, stated, table, rng).items():
-                out[name]["norm"][i] += by_norm**2 / runs
-                out[name]["multi-position"][i] += by_table**2 / runs
+            made = imperfect_table(stated, rng, setting=float(angle))
+            for name, errors in _one(unit, stated, made, rng).items():
+                for method, error in zip(methods, errors, strict=True):
+                    out[name][method][i] += error**2 / runs
     return {name: {m: np.sqrt(v) for m, v in curves.items()} for name, curves in out.items()}
 
 
 def _one(
-    unit: SimulatedUnit, plan: Plan, table: SimulatedTable, rng: np.random.Generator
-) -> dict[str, tuple[float, float]]:
-    """Errors of both methods in one simulated run."""
-    means = simulate_readings(unit, plan, table, rng)
+    unit: SimulatedUnit, plan: Plan, made: SimulatedTable, rng: np.random.Generator
+) -> dict[str, tuple[float, ...]]:
+    """Errors of the three methods in one simulated run."""
+    means = simulate_readings(unit, plan, made, rng)
     truth = unit.truth()
-    by_norm = norm.calibrate_means(means, plan).values()
-    by_table = multi_position.closed_form(means, plan)
-    return {n: (by_norm[n] - truth[n], by_table[n] - truth[n]) for n in PUBLISHED_CURVES}
+    found = (
+        norm.calibrate_means(means, plan).values(),
+        multi_position.closed_form(means, plan),
+        table.calibrate_means(means, plan).values(),
+    )
+    return {n: tuple(values[n] - truth[n] for values in found) for n in PUBLISHED_CURVES}
 
 
 def _draw(

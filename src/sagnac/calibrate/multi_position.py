@@ -321,8 +321,11 @@ class _Stack:
 
     def rows(self, weight: Array) -> Rows:
         """All of them."""
-        residual, jacobian, segment = zip(*self.parts, strict=True)
-        return Rows(weight @ np.concatenate(residual), weight @ np.vstack(jacobian), np.concatenate(segment))
+        return Rows(
+            weight @ np.concatenate([p.residual for p in self.parts]),
+            weight @ np.vstack([p.jacobian for p in self.parts]),
+            np.concatenate([p.segment for p in self.parts]),
+        )
 
 
 def _report(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 # readable in print and to the colour-blind (Okabe & Ito)
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
-_STYLE = {"norm": (BLUE, "o"), "multi-position": (ORANGE, "s")}
+_STYLE = {"norm": (BLUE, "o"), "multi-position": (ORANGE, "s"), "table": (GREEN, "^")}
 _DRAWN = 4000  # points a curve is thinned to, keeping the extremes of each stretch
 
 
