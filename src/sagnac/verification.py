@@ -26,7 +26,7 @@ from .observe.means import SegmentMeans, segment_means
 from .observe.static import THRESHOLD, static_intervals
 from .plan import Plan
 from .recording import Recording
-from .rigs.turntable import averaging
+from .rigs.turntable import Site, averaging, mean_inputs
 from .sensors import Correction, correction, invert, triad_of
 
 PASS = 0.01
@@ -129,6 +129,10 @@ def verify(
     InputError
         When units do not match.
     """
+    if calibration.method == "roll-isolated":
+        from . import verification_roll
+
+        return verification_roll.verify(calibration, recording, plan)
     models = corrections(calibration, recording)
     site = plan or Plan(latitude=calibration.site.latitude, gravity=calibration.site.gravity)
     if site.segment:
@@ -234,7 +238,7 @@ def _closure(calibration: Calibration, closure: Array | None, remarks: list[str]
 def _norms(
     kind: str, calibration: Calibration, means: SegmentMeans, plan: Plan, models: dict[str, Correction]
 ) -> _Norms:
-    rates = np.array([s.outer_rate for s in means.segments])
+    rates = common.rates_of(means).sum(axis=1)
     at = np.flatnonzero(rates == 0 if kind == "accel" else rates != 0)
     names = [means.names[i] for i in at]
     if at.size == 0:
@@ -246,21 +250,29 @@ def _norms(
         force = invert(models["accel"], means.mean["accel"][at])
     u = invert(model, readings, force)
     size = np.linalg.norm(u, axis=1)
-    if kind == "accel":
-        known = np.full(at.size, plan.site_gravity)
-    else:
-        latitude = plan.need_latitude("the rate norm")
-        left = averaging(rates[at] * means.interval[at], means.count[at])
-        known = np.hypot(rates[at] + plan.earth_rate * math.sin(latitude), left * plan.earth_rate * math.cos(latitude))
+    known = np.full(at.size, plan.site_gravity) if kind == "accel" else _known_rates(means, plan)[at]
     along = (u / size[:, None]) @ np.linalg.inv(model.matrix)  # d|u| / dN
     variance = np.einsum("ni,ni->n", along**2, _variance(kind, means, plan, model)[at])
     scatter = calibration.fit.residuals.get("static norm" if kind == "accel" else "rate norm")
     if scatter is not None and "white" not in calibration.fit.uncertainty.split(" / ")[0]:
         variance = variance + scatter.rms**2
     common_error = (
-        rates[at] * plan.rig.rate_uncertainty if kind == "gyro" else np.full(at.size, plan.gravity_uncertainty)
+        np.abs(rates[at]) * plan.rig.rate_uncertainty if kind == "gyro" else np.full(at.size, plan.gravity_uncertainty)
     )
     return _Norms(kind, names, size - known, _jacobian(kind, calibration, u, along, force), variance, common_error)
+
+
+def _known_rates(means: SegmentMeans, plan: Plan) -> Array:
+    """Size of the mean rate in each segment; it hardly depends on the settings, and not at all about a vertical axis."""
+    rates, latitude = common.rates_of(means), plan.need_latitude("the rate norm")
+    left = common.left_of(means, rates)
+    if all(s.angles is not None for s in means.segments):
+        site = Site(latitude, plan.site_gravity, plan.earth_rate)
+        angles = common.need_angles(means, "verify")
+        felt = mean_inputs(angles, rates, left, site, letters=plan.rig.letters, derivatives=False)
+        return np.asarray(np.linalg.norm(felt.rate, axis=1), dtype=np.float64)
+    outer = common.outer_rates(means, plan, "verify without the table's angles")
+    return np.hypot(outer + plan.earth_rate * math.sin(latitude), left * plan.earth_rate * math.cos(latitude))
 
 
 def _variance(kind: str, means: SegmentMeans, plan: Plan, model: Correction) -> Array:
@@ -271,11 +283,11 @@ def _variance(kind: str, means: SegmentMeans, plan: Plan, model: Correction) -> 
 
 
 def _axes(calibration: Calibration, means: SegmentMeans, plan: Plan, models: dict[str, Correction]) -> _Norms:
-    """In turning segments both triads must see one axis: angle between them, two components a segment.
+    """In segments that turn about the vertical both triads must see one axis: angle between them, two components a segment.
 
     Both come out of a function of the parameters, whose derivative is taken by central differences.
     """
-    rates = np.array([s.outer_rate for s in means.segments])
+    rates = common.rates_of(means)[:, 0] * (plan.rig.letters[0] == "z")
     at = np.flatnonzero(rates)
     k = len(calibration.parameters)
     names = list(calibration.values())

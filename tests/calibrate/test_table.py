@@ -7,14 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sagnac.calibrate import common, multi_position, norm, table
+from sagnac.calibrate import calibrate, common, multi_position, norm, table
 from sagnac.demo import published_norm
 from sagnac.errors import DataError, InputError
 from sagnac.plan import Plan, Rig, Segment
+from sagnac.recording import from_arrays
 from sagnac.rigs.turntable import TableErrors, inputs
 from sagnac.simulate.plans import ICOSAHEDRON, table_plan
 from sagnac.simulate.table import SimulatedTable, imperfect_table, readings, simulate_readings, site_of
 from sagnac.simulate.unit import laser_gyro_unit
+from sagnac.verification import verify
 
 ARCMIN, ARCSEC, DEG_H = np.pi / 10800, np.pi / 648000, np.pi / 648000
 CLEAN = laser_gyro_unit(accel_density=0.0, gyro_density=0.0)
@@ -247,3 +249,42 @@ def test_the_full_published_case_is_better_than_published():
         published = published_norm(name)
         if published is not None:
             assert abs(found[name].value - value) <= abs(published[0] - value) + published[1], name
+
+
+def test_the_result_is_verified_on_a_table_of_another_build():
+    # inner axis vertical at zero and turning, outer axis horizontal: the norm of the rate follows from the settings
+    rig = Rig(axes={"outer": "x", "middle": "y", "inner": "z"}, angle_uncertainty=ARCSEC)
+    rng = np.random.default_rng(21)
+
+    def recorded():
+        segments = []
+        for i, angles in enumerate(rng.uniform(-1.5, 1.5, (24, 3))):
+            rate = {} if i % 2 else {("outer_rate", "middle_rate", "inner_rate")[i // 2 % 3]: 0.2}
+            outer, middle, inner = angles
+            segments.append(
+                Segment(name=str(i), start=2.0 * i, stop=2.0 * i + 1, outer=outer, middle=middle, inner=inner, **rate)
+            )
+        plan = planned(0.0).model_copy(update={"rig": rig, "segment": tuple(segments)})
+        settings, rates = (np.array([getattr(s, k) for s in segments], dtype=float) for k in ("angles", "rates"))
+        errors = ARCSEC * rng.standard_normal(settings.shape)
+        time = np.arange(0.0005, 1.0, 0.001)
+        clock, force, turn = [], [], []
+        for s, r, e in zip(settings, rates, errors, strict=True):
+            f, w = inputs(
+                s + e + time[:, None] * r, np.repeat(r[None], time.size, axis=0), site_of(plan), letters=rig.letters
+            )
+            force.append(f)
+            turn.append(w)
+            clock.append(time + 2.0 * len(clock))
+        clean = readings(NOISY, np.concatenate(force), np.concatenate(turn))
+        noise = {"accel": NOISY.accel_density, "gyro": NOISY.gyro_density}
+        noisy = {k: v + noise[k] * np.sqrt(1000.0) * rng.standard_normal(v.shape) for k, v in clean.items()}
+        return from_arrays(np.concatenate(clock), noisy["accel"], noisy["gyro"]), plan
+
+    found = calibrate("table", *recorded())
+    off = {n: (found[n].value - v) / found[n].standard_uncertainty for n, v in TRUTH.items()}
+    assert max(map(abs, off.values())) < 4.0
+    assert verify(found, *recorded()).passed
+    recording, plan = recorded()
+    with pytest.raises(InputError, match="norm takes turns of the outer axis only: use table"):
+        calibrate("norm", recording, plan)
