@@ -76,54 +76,147 @@ def maybe(strategy):
     return st.none() | strategy
 
 
+def turntable_keys(draw):
+    turning = draw(st.sampled_from(["outer_rate", "middle_rate", "inner_rate"]))
+    return {
+        "outer": draw(maybe(signed)),
+        "middle": draw(maybe(signed)),
+        "inner": draw(maybe(signed)),
+        turning: draw(signed),
+        "x_azimuth": draw(maybe(signed)),
+        "y_azimuth": draw(maybe(signed)),
+        "z": draw(st.sampled_from([None, "up", "down"])),
+    }
+
+
+def centrifuge_keys(draw):
+    angles = {name: draw(signed) for name in ("alpha", "beta", "gamma")}
+    return {"arm_rate": draw(signed), "arm_phase": draw(maybe(signed)), **angles}
+
+
+def roll_keys(draw):
+    stage = draw(st.sampled_from(["inner", "spin"]))
+    return {"stage": stage, f"{stage}_rate": draw(signed.filter(bool))}
+
+
 @st.composite
-def segments(draw):
+def segments(draw, keys=turntable_keys):
     times = sorted(draw(st.lists(st.floats(-1e5, 1e5), min_size=0, max_size=12, unique=True)))
     pairs = [(a, b) for a, b in zip(times[::2], times[1::2], strict=False) if b > a]
     names = draw(st.lists(text, min_size=len(pairs), max_size=len(pairs), unique=True))
-    return tuple(
-        Segment(
-            name=name,
-            start=a,
-            stop=b,
-            outer=draw(maybe(signed)),
-            middle=draw(maybe(signed)),
-            inner=draw(maybe(signed)),
-            outer_rate=draw(signed),
-            x_azimuth=draw(maybe(signed)),
-            y_azimuth=draw(maybe(signed)),
-            z=draw(st.sampled_from([None, "up", "down"])),
-        )
-        for name, (a, b) in zip(names, pairs, strict=True)
+    return tuple(Segment(name=name, start=a, stop=b, **keys(draw)) for name, (a, b) in zip(names, pairs, strict=True))
+
+
+letters = st.sampled_from([("z", "x", "y"), ("z", "x", "z"), ("x", "z"), ("y",)])
+axis_names = st.lists(st.from_regex(r"[a-z]{3,8}", fullmatch=True), min_size=3, max_size=3, unique=True).filter(
+    lambda names: not {"name", "start", "stop"} & {n.removesuffix("_rate") for n in names}
+)
+trust = {"angle_uncertainty": size, "axis_uncertainty": size, "rate_uncertainty": size}
+positive = st.floats(1e-3, 1e3)
+RIGS = {
+    "turntable": (st.builds(Rig, **trust), turntable_keys),
+    "centrifuge": (
+        st.builds(
+            Rig,
+            kind=st.just("centrifuge"),
+            radius=positive,
+            radius_uncertainty=size,
+            counter_rotating=st.booleans(),
+            phase_uncertainty=size,
+            **trust,
+        ),
+        centrifuge_keys,
+    ),
+    "roll-isolated": (
+        st.builds(
+            Rig,
+            kind=st.just("roll-isolated"),
+            encoder_resolution=size,
+            encoder_uncertainty=maybe(size),
+            encoder_delay=maybe(signed),
+            **trust,
+        ),
+        roll_keys,
+    ),
+}
+
+
+def planned(kind):
+    rig, keys = RIGS[kind]
+    return st.builds(
+        Plan,
+        latitude=maybe(st.floats(-math.pi / 2, math.pi / 2)),
+        height=st.floats(-500, 9000),
+        gravity=maybe(st.floats(9.76, 9.84)),
+        gravity_uncertainty=size,
+        earth_rate=st.floats(7e-5, 8e-5),
+        unit=st.builds(
+            Unit,
+            model=text,
+            serial=text,
+            noise=st.builds(Noise, accel=maybe(size), gyro=maybe(size)),
+            scale=st.dictionaries(st.sampled_from(["accel", "gyro_x"]), st.just("1.1866 pulse/arcsec")),
+            accel_k2=maybe(st.tuples(signed, signed, signed)),
+            limits=st.builds(
+                Limits,
+                accel_k2=maybe(size),
+                gyro_g_squared=maybe(size),
+                accel_drift=maybe(size),
+                gyro_drift=maybe(size),
+                gyro_scale=maybe(size),
+            ),
+        ),
+        rig=rig,
+        segment=segments(keys),
     )
 
 
-plan_strategy = st.builds(
-    Plan,
-    latitude=maybe(st.floats(-math.pi / 2, math.pi / 2)),
-    height=st.floats(-500, 9000),
-    gravity=maybe(st.floats(9.76, 9.84)),
-    gravity_uncertainty=size,
-    earth_rate=st.floats(7e-5, 8e-5),
-    unit=st.builds(
-        Unit,
-        model=text,
-        serial=text,
-        noise=st.builds(Noise, accel=maybe(size), gyro=maybe(size)),
-        scale=st.dictionaries(st.sampled_from(["accel", "gyro_x"]), st.just("1.1866 pulse/arcsec")),
-        accel_k2=maybe(st.tuples(signed, signed, signed)),
-        limits=st.builds(
-            Limits, accel_k2=maybe(size), gyro_g_squared=maybe(size), accel_drift=maybe(size), gyro_drift=maybe(size)
-        ),
-    ),
-    rig=st.builds(Rig, angle_uncertainty=size, axis_uncertainty=size, rate_uncertainty=size),
-    segment=segments(),
-)
-
-
-@given(plan_strategy)
-def test_a_plan_reads_back_equal_to_the_last_bit(plan):
+@pytest.mark.parametrize("kind", RIGS)
+@given(st.data())
+def test_a_plan_reads_back_equal_to_the_last_bit(kind, data):
+    plan = data.draw(planned(kind))
     assert read(plan.to_toml()) == plan
+
+
+@given(axis_names, letters, st.lists(st.tuples(signed, signed, signed, signed), min_size=1, max_size=3))
+def test_a_table_with_names_of_its_own_reads_back_equal(names, letters, settings):
+    own = dict(zip(names, letters, strict=False))
+    segments = []
+    for i, (*angles, rate) in enumerate(settings):
+        keys = dict(zip(list(own), (f"{a!r} rad" for a in angles), strict=False))
+        segments.append(
+            {"name": str(i), "start": f"{i} s", "stop": f"{i + 0.5} s", **keys, f"{names[0]}_rate": f"{rate!r} rad/s"}
+        )
+    plan = plans.from_table({"rig": {"axes": own}, "segment": segments})
+    assert plan.rig.axes == own
+    for s, (*angles, rate) in zip(plan.segment, settings, strict=True):
+        assert s.angles == (*angles[: len(own)], *[0.0] * (3 - len(own)))
+        assert s.outer_rate == rate
+    assert read(plan.to_toml()) == plan
+
+
+BAD_RIGS = [
+    ({"kind": "centrifuge"}, {"outer": "3 deg", "arm_rate": "1 deg/s"}, "outer says nothing on a centrifuge"),
+    ({"kind": "centrifuge", "radius": "1 m"}, {}, "lacks arm_rate"),
+    ({"kind": "centrifuge"}, {"arm_rate": "180 deg/s"}, "radius is missing"),
+    ({"kind": "centrifuge", "radius": "-1 m"}, {"arm_rate": "180 deg/s"}, "is no radius"),
+    ({"kind": "roll-isolated"}, {"spin_rate": "10 deg/s"}, "lacks stage"),
+    ({"kind": "roll-isolated"}, {"stage": "spin", "inner_rate": "10 deg/s"}, "needs spin_rate, and no inner_rate"),
+    ({"kind": "roll-isolated"}, {"stage": "inner"}, "needs inner_rate"),
+    ({"radius": "1 m"}, {}, "radius says nothing on a turntable"),
+    ({}, {"gamma": "90 deg"}, "gamma says nothing on a turntable"),
+    ({}, {"outer_rate": "1 deg/s", "inner_rate": "1 deg/s"}, "turns two axes at once"),
+    ({"axes": {"outer": "z", "middle": "z"}}, {}, "two axes in a row turn about z"),
+    ({"axes": {}}, {}, "rig.axes"),
+    ({"axes": {"a": "x", "b": "y", "c": "z", "d": "x"}}, {}, "rig.axes"),
+    ({"axes": {"outer": "up"}}, {}, "rig.axes"),
+]
+
+
+@pytest.mark.parametrize(("rig", "segment", "said"), BAD_RIGS)
+def test_keys_that_the_rig_cannot_have(rig, segment, said):
+    with pytest.raises(InputError, match=said):
+        plans.from_table({"rig": rig, "segment": [{"name": "1", "start": "0 s", "stop": "1 s", **segment}]})
 
 
 def test_save_and_load(tmp_path):

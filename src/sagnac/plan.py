@@ -306,10 +306,10 @@ class Plan(_Record):
         foreign = _foreign(self.rig, self.rig.kind, 1)
         if foreign:
             raise ValueError(f"rig: {', '.join(foreign)} says nothing on a {self.rig.kind} rig (rig.kind)")
-        if self.rig.kind == "centrifuge" and self.rig.radius is None and any(s.arm_rate for s in self.segment):
-            raise ValueError("rig: radius is missing: the arm's radius sets the centripetal acceleration")
         for s in self.segment:
             _check_rig(s, self.rig.kind)
+        if self.rig.kind == "centrifuge" and self.rig.radius is None and any(s.arm_rate for s in self.segment):
+            raise ValueError("rig: radius is missing: the arm's radius sets the centripetal acceleration")
         names = [s.name for s in self.segment]
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
@@ -389,21 +389,37 @@ def load(path: str | Path) -> Plan:
     InputError
         With the key at fault and what to write instead.
     """
+    return from_table(read_toml(path), str(path))
+
+
+def read_toml(path: str | Path, what: str = "plan") -> dict[str, Any]:
+    """Table of a TOML file in which semicolons may part keys on one line.
+
+    Parameters
+    ----------
+    path : path
+    what : str
+        What the file is, for the message.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read.
+    """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as cause:
-        raise InputError(f"{path}: cannot read the plan: {cause}") from cause
+        raise InputError(f"{path}: cannot read the {what}: {cause}") from cause
     lines, origin = _one_key_a_line(text)
     try:
-        table = tomllib.loads(lines)
+        return tomllib.loads(lines)
     except tomllib.TOMLDecodeError as cause:
         said = re.sub(r"at line (\d+), column \d+", lambda m: f"at line {origin[int(m[1]) - 1]}", str(cause))
-        raise InputError(f"{path}: cannot read the plan: {said}") from cause
+        raise InputError(f"{path}: cannot read the {what}: {said}") from cause
     except ValueError as cause:  # a number with thousands of digits
-        raise InputError(f"{path}: cannot read the plan: {cause}") from cause
+        raise InputError(f"{path}: cannot read the {what}: {cause}") from cause
     except RecursionError as cause:
-        raise InputError(f"{path}: cannot read the plan: its brackets are nested too deeply") from cause
-    return from_table(table, str(path))
+        raise InputError(f"{path}: cannot read the {what}: its brackets are nested too deeply") from cause
 
 
 def from_table(table: dict[str, Any], source: str = "plan") -> Plan:
