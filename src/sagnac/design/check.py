@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..calibrate import multi_position, norm, table
+from ..calibrate import centrifuge, multi_position, norm, table
 from ..calibration import Calibration, printed
 from ..errors import DataError, InputError
 from ..plan import Plan
@@ -170,6 +170,8 @@ def _refuse_sensors(sensors: Sequence[str], kind: str) -> None:
 def predicted(plan: Plan, method: str, sensors: Sequence[str]) -> Calibration:
     """The calibration that an ideal unit would get; its uncertainties are the prediction."""
     ideal.need_noise(plan, list(dict.fromkeys(s.partition("_")[0] for s in sensors)))
+    if method == "centrifuge":
+        return centrifuge.calibrate_harmonics(ideal.centrifuge_harmonics(plan, sensors), plan)
     means = ideal.table_means(plan, sensors)
     if method == "norm":
         return norm.calibrate_means(means, plan)

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..calibrate import norm, table
+from ..calibrate import centrifuge_prepare, norm, table
+from ..calibrate.centrifuge_turning import as_planned
 from ..errors import DataError, InputError
-from ..estimate import Parameter, Rows, null_space
-from ..frames import Array
+from ..estimate import Parameter, Rows
 from ..plan import Plan, Segment
 from . import ideal
 from .check import PlanCheck, check, worst_ratio
@@ -91,7 +91,7 @@ def optimise(spec: Spec) -> Optimised:
     segments = candidate_segments(spec, asked.dwell)
     plan = _scheduled(spec, segments)
     parameters, rows = linearised(plan, asked.method, asked.sensors)
-    remarks = _speeds_needed(segments, parameters, rows)
+    remarks = _speeds_needed(spec, segments)
     candidates = _candidates(spec, segments, parameters, rows)
     design = _choice(spec, candidates, asked.positions)
     if spec.required() and asked.positions is None:
@@ -173,12 +173,22 @@ def _in_order(segments: list[Segment]) -> list[Segment]:
 def linearised(plan: Plan, method: str, sensors: tuple[str, ...]) -> tuple[list[Parameter], Rows]:
     """Parameters and whitened derivatives at the truth of an ideal unit, the unknowns of segments projected out."""
     ideal.need_noise(plan, list(dict.fromkeys(s.partition("_")[0] for s in sensors)))
+    if method == "centrifuge":
+        return _on_centrifuge(plan, sensors)
     means = ideal.table_means(plan, sensors)
     if method == "norm":
         _, _, model, _, given = norm.prepare(means, plan)
         return list(given), model.rows(np.array([p.start for p in given]))
     table_model, parameters, _ = table.prepare(means, plan)
     return parameters, table_model.rows(np.array([p.start for p in parameters]))
+
+
+def _on_centrifuge(plan: Plan, sensors: tuple[str, ...]) -> tuple[list[Parameter], Rows]:
+    harmonics = ideal.centrifuge_harmonics(plan, sensors)
+    task, _ = centrifuge_prepare.prepare(harmonics, plan, None, None, None)
+    turning = as_planned(task.look(), task.segments, plan)
+    parameters = task.parameters(turning)
+    return parameters, task.model(turning).rows(np.array([p.start for p in parameters]))
 
 
 def _candidates(spec: Spec, segments: list[Segment], parameters: list[Parameter], rows: Rows) -> Candidates:
@@ -204,22 +214,16 @@ def _choice(spec: Spec, candidates: Candidates, count: int | None, starts: int =
     return choose(candidates, asked.criterion, count=count, budget=budget, seed=asked.seed, starts=starts)
 
 
-def _speeds_needed(segments: list[Segment], parameters: list[Parameter], rows: Rows) -> list[str]:
+def _speeds_needed(spec: Spec, segments: list[Segment]) -> list[str]:
     """A word where no single arm rate among the candidates would do."""
     speeds = sorted({abs(s.arm_rate) for s in segments if s.arm_rate})
-    if not speeds:
+    if len(speeds) < 2:
         return []
-    names = [p.name for p in parameters]
-    scale = np.array([p.scale for p in parameters])
-
-    def unseen(chosen: Array) -> list[str]:
-        return null_space(rows.jacobian[chosen] * scale, names)[1]
-
-    alone = {v: unseen(np.array([abs(segments[i].arm_rate) in (0.0, v) for i in rows.segment])) for v in speeds}
-    if not all(alone.values()):
-        return []
-    what = next(iter(alone.values()))[0]
-    return [f"one arm rate is not enough: at any single one of these, {what} cannot be told apart"]
+    alone = []
+    for v in speeds:
+        plan = _scheduled(spec, [s for s in segments if abs(s.arm_rate) in (0.0, v)])
+        alone.append(check(plan, spec.optimise.method, sensors=spec.optimise.sensors).unseen)
+    return [f"one arm rate is not enough: {alone[0]}"] if all(alone) else []
 
 
 def _few_enough(
