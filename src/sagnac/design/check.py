@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..calibrate import centrifuge, multi_position, norm, table
+from ..calibrate import centrifuge, multi_position, norm, roll_isolated, table
 from ..calibration import Calibration, printed
 from ..errors import DataError, InputError
 from ..plan import Plan
@@ -169,6 +169,11 @@ def _refuse_sensors(sensors: Sequence[str], kind: str) -> None:
 
 def predicted(plan: Plan, method: str, sensors: Sequence[str]) -> Calibration:
     """The calibration that an ideal unit would get; its uncertainties are the prediction."""
+    if method == "roll-isolated":
+        ideal.need_noise(plan, ("gyro",))
+        recording, words = ideal.roll_recording(plan)
+        found = roll_isolated.calibrate_recording(recording, plan)
+        return found.model_copy(update={"remarks": (*found.remarks, words)})
     ideal.need_noise(plan, list(dict.fromkeys(s.partition("_")[0] for s in sensors)))
     if method == "centrifuge":
         return centrifuge.calibrate_harmonics(ideal.centrifuge_harmonics(plan, sensors), plan)

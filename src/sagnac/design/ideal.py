@@ -12,11 +12,12 @@ from ..frames import Array
 from ..observe.harmonics import SegmentHarmonics
 from ..observe.means import SegmentMeans
 from ..plan import Plan, Segment
-from ..recording import SENSORS
+from ..recording import SENSORS, Recording
 from ..rigs import centrifuge
 from ..rigs.turntable import Site, mean_inputs
 from ..sensors import Axis
 from ..sensors.series import response
+from ..simulate import roll_isolated
 
 _INTERVAL = 0.01  # s: any that is short against the turns gives the same means
 _ORDER = 4
@@ -151,3 +152,27 @@ def _harmonic_covariance(segment: Segment, middle: float, extended: bool) -> Arr
         terms += [since * t for t in terms[1:]]
     basis = np.column_stack(terms)
     return np.asarray(np.linalg.inv(basis.T @ basis) * count * _INTERVAL / hold)
+
+
+def roll_recording(plan: Plan) -> tuple[Recording, str]:
+    """Samples of a roll-isolated rig with the angles of [ZHANG15], 1 kHz, an inner swing of 2 deg at 1.7 Hz; and these words.
+
+    Its information depends on the cone, the swing and the encoder, so that it is a recording with noise that is looked at.
+
+    Parameters
+    ----------
+    plan : Plan
+    """
+    step = plan.rig.encoder_resolution
+    batches = roll_isolated.simulate(
+        plan,
+        roll_isolated.PUBLISHED,
+        np.random.default_rng(1),
+        density=plan.unit.noise.gyro,
+        encoder_bits=round(np.log2(2.0 * np.pi / step)) if step > 0 else None,
+    )
+    words = (
+        "predicted for a cone of 0.16 deg, samples at 1 kHz and an inner swing of 2 deg at 1.7 Hz: the phase of the cone is as "
+        "much less certain as the cone is smaller, the encoder's delay as the swing is"
+    )
+    return roll_isolated.recording_of(batches), words
