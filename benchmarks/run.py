@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import plain
+import simulate
 from sagnac.calibrate import common, hand_turned, norm, table
 from sagnac.kernels.rotation import integrate
 from sagnac.observe.means import segment_means
@@ -134,7 +135,11 @@ def table_campaign():
     start = time.process_time()
     ours(runs)
     spent = time.process_time() - start
-    return "1000 joint table calibrations, with covariances", "SciPy, all unknowns (4 runs, x 250)", [spent, 250 * best[1]]
+    return (
+        "1000 joint table calibrations, with covariances",
+        "SciPy, all unknowns (4 runs, x 250)",
+        [spent, 250 * best[1]],
+    )
 
 
 def means():
@@ -159,6 +164,8 @@ def main() -> None:
         print(
             f"| {name:<52} | {ours * 1e3:>9.1f} | {baseline * 1e3:>13.1f} | {baseline / ours:>6.1f} | {against:<34} |"
         )
+    print()
+    simulate.main()
 
 
 if __name__ == "__main__":

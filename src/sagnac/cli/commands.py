@@ -12,6 +12,8 @@ import typer
 from .._version import __version__
 from . import options
 from .commands_plan import plan_app
+from .commands_simulate import EXAMPLE as SIMULATE_EXAMPLE
+from .commands_simulate import simulate
 
 app = typer.Typer(
     name="sagnac",
@@ -24,6 +26,7 @@ app = typer.Typer(
 
 
 app.add_typer(plan_app)
+app.command(epilog=SIMULATE_EXAMPLE)(simulate)
 
 
 class Matrix(StrEnum):

@@ -12,6 +12,7 @@ from ..observe.means import SegmentMeans
 from ..plan import Plan
 from ..recording import SENSORS, nominal_scale
 from ..rigs.turntable import Site, TableErrors, inputs
+from .track import settings, track
 from .unit import SimulatedUnit
 
 _ARCSEC = np.pi / 648000
@@ -71,12 +72,11 @@ def simulate_readings(unit: SimulatedUnit, plan: Plan, table: SimulatedTable, rn
     This is the published case: no time series, for campaigns of thousands of runs.
     """
     angles = np.array([s.angles for s in plan.segment], dtype=float) + table.settings
-    rates = np.zeros_like(angles)
-    rates[:, 0] = [s.outer_rate for s in plan.segment]
+    rates = np.array([s.rates for s in plan.segment])
     hold = np.array([s.stop - s.start for s in plan.segment])
-    angles[:, 0] += rates[:, 0] * hold / 2
+    angles += rates * hold[:, None] / 2
     n = len(hold)
-    clean = readings(unit, *inputs(angles, rates, site_of(plan), table.errors))
+    clean = readings(unit, *inputs(angles, rates, site_of(plan), table.errors, plan.rig.letters))
     noise = {"accel": unit.accel_density, "gyro": unit.gyro_density}
     means = {k: v + noise[k] / np.sqrt(hold)[:, None] * rng.standard_normal((n, 3)) for k, v in clean.items()}
     unknown = np.full(3, np.nan)
@@ -106,37 +106,9 @@ def motion(plan: Plan, table: SimulatedTable, time: Array) -> tuple[Array, Array
     -------
     angles, rates : ndarray, shape (n, 3), rad and rad/s
     """
-    angles, rates = np.zeros((time.size, 3)), np.zeros((time.size, 3))
-    end_time, end_angle, end_rate = 0.0, np.zeros(3), np.zeros(3)
-    for s, error in zip(plan.segment, table.settings, strict=True):
-        begin = np.array(s.angles, dtype=float) + error
-        begin += 2 * np.pi * np.round((end_angle - begin) / (2 * np.pi))  # the near way round
-        rate = np.array([s.outer_rate, 0.0, 0.0])
-        i, j, k = np.searchsorted(time, [end_time, s.start, s.stop])
-        angles[i:j], rates[i:j] = _move(time[i:j], (end_time, end_angle, end_rate), (s.start, begin, rate))
-        angles[j:k] = begin + np.outer(time[j:k] - s.start, rate)
-        rates[j:k] = rate
-        end_time, end_angle, end_rate = s.stop, begin + (s.stop - s.start) * rate, rate
-    last = np.searchsorted(time, end_time)
-    angles[last:], rates[last:] = end_angle, 0.0
-    return angles, rates
-
-
-def _move(time: Array, begin: tuple[float, Array, Array], end: tuple[float, Array, Array]) -> tuple[Array, Array]:
-    """Cubic Hermite from one angle and rate to another."""
-    (t0, a0, r0), (t1, a1, r1) = begin, end
-    if time.size == 0:
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    h = t1 - t0
-    u = ((time - t0) / h)[:, None]
-    angle = (
-        (1 + 2 * u) * (1 - u) ** 2 * a0
-        + u * (1 - u) ** 2 * h * r0
-        + u * u * (3 - 2 * u) * a1
-        + u * u * (u - 1) * h * r1
-    )
-    rate = 6 * u * (u - 1) * (a0 - a1) / h + (1 - u) * (1 - 3 * u) * r0 + u * (3 * u - 2) * r1
-    return angle, rate
+    stated = np.array([settings(s, plan.rig.letters, len(plan.rig.axes)) for s in plan.segment])
+    rates = np.array([s.rates for s in plan.segment])
+    return track(plan.segment, stated + table.settings, rates).angles(time)
 
 
 def simulate_recording(
@@ -166,7 +138,7 @@ def simulate_recording(
         scales = [_scale(unit, sensor, axis) for axis in SENSORS[sensor]]
         summed = any(increment for _, increment in scales)
         angles, rates = motion(plan, table, time - 0.5 / frequency if summed else time)
-        values = readings(unit, *inputs(angles, rates, site_of(plan), table.errors))[sensor]
+        values = readings(unit, *inputs(angles, rates, site_of(plan), table.errors, plan.rig.letters))[sensor]
         values += density * np.sqrt(frequency) * rng.standard_normal((count, 3))
         for i, (factor, increment) in enumerate(scales):
             if factor:
