@@ -24,10 +24,11 @@ def corrections(calibration: Calibration, recording: Recording) -> dict[str, Cor
     Raises
     ------
     InputError
-        When the calibration is for raw counts and the recording is not, or the reverse.
+        When the calibration is for raw counts and the recording is not, or the reverse, or a triad lacks an axis.
     DataError
         When the calibration has no model of any sensor in the recording.
     """
+    recording.need_whole()
     out = {}
     for sensor in SENSORS:
         model = correction(calibration.values(), sensor, ratio=calibration.misalignment == "input-axis")
@@ -82,7 +83,12 @@ def compensate(batch: Batch, models: dict[str, Correction]) -> dict[str, np.ndar
 
 
 def stream(calibration: Calibration, recording: Recording) -> Iterator[tuple[Batch, dict[str, np.ndarray]]]:
-    """Compensated samples piece by piece, with the batch that each came from."""
+    """Compensated samples piece by piece, with the batch that each came from; other values go by their column's header."""
+    if calibration.method == "roll-isolated":
+        from . import compensation_roll
+
+        yield from compensation_roll.stream(calibration, recording)
+        return
     models = corrections(calibration, recording)
     for batch in recording.batches(with_other=True):
         yield batch, compensate(batch, models)
@@ -164,6 +170,7 @@ def _table(batch: Batch, values: dict[str, np.ndarray], recording: Recording) ->
         raw = sensor not in values and sensor in recording.counts
         for i, axis in enumerate(axes):
             columns[f"{axis} [{'count' if raw else _UNITS[sensor]}]"] = np.ascontiguousarray(samples[:, i])
+    columns |= {name: column for name, column in values.items() if name not in SENSORS}
     for name, column in batch.rig.items():
         columns[f"{name} [{_RIG_UNITS.get(name, 'rad')}]"] = column
     if batch.other is not None:

@@ -133,6 +133,10 @@ def verify(
         from . import verification_roll
 
         return verification_roll.verify(calibration, recording, plan)
+    if plan is not None and plan.rig.kind == "centrifuge":
+        from . import verification_centrifuge
+
+        return verification_centrifuge.verify(calibration, recording, plan)
     models = corrections(calibration, recording)
     site = plan or Plan(latitude=calibration.site.latitude, gravity=calibration.site.gravity)
     if site.segment:

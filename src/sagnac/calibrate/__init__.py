@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from ..errors import DataError, InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
     from ..calibration import Calibration
     from ..plan import Plan
     from ..recording import Recording
@@ -16,6 +18,8 @@ RIGS = {
     "multi-position": "turntable",
     "norm": "turntable",
     "table": "turntable",
+    "centrifuge": "centrifuge",
+    "roll-isolated": "roll-isolated",
 }
 """Which rig each method is for."""
 METHODS = tuple(RIGS)
@@ -29,6 +33,10 @@ def calibrate(
     matrix: str = "full",
     robust: bool = False,
     threshold: float | None = None,
+    closed_form: bool = False,
+    prior: Calibration | None = None,
+    terms: Sequence[str] | None = None,
+    sensors: Collection[str] | None = None,
 ) -> Calibration:
     """Calibrate a unit from a recording.
 
@@ -45,6 +53,14 @@ def calibrate(
         Turn down segments that disagree with the rest.
     threshold : float, optional
         For the static intervals of a hand-turned unit, see :func:`sagnac.observe.static.static_intervals`.
+    closed_form : bool
+        Centrifuge: the published equations instead of the fit.
+    prior : Calibration, optional
+        Centrifuge: what is known of the unit beforehand.
+    terms : sequence of str, optional
+        Centrifuge: which terms to estimate, ``accel.k2``, ``gyro.d_i``, ...; otherwise all that the method knows but Kio and Kpo.
+    sensors : collection of str, optional
+        Centrifuge: only these sensors or columns, ``accel``, ``gyro_x``, ...
 
     Returns
     -------
@@ -61,6 +77,8 @@ def calibrate(
         raise InputError(f"there is no method {method!r}; choose from {', '.join(METHODS)}")
     if matrix not in ("full", "triangular"):
         raise InputError(f"matrix is 'full' or 'triangular', not {matrix!r}")
+    if method != "centrifuge" and (closed_form or prior is not None or terms or sensors):
+        raise InputError(f"closed_form, prior, terms and sensors are for centrifuge; {method} takes none of them")
     if method == "norm" and (plan is None or not plan.segment):
         from ..observe.static import THRESHOLD
         from .hand_turned import calibrate as calibrate_hand_turned
@@ -70,6 +88,16 @@ def calibrate(
         raise InputError(f"{method} needs a plan (--plan) that says which segment was in which position")
     if plan.rig.kind != RIGS[method]:
         raise InputError(f"{method} is for a {RIGS[method]}; the plan says rig.kind = {plan.rig.kind!r}")
+    if method == "centrifuge":
+        from . import centrifuge
+
+        return centrifuge.calibrate_recording(
+            recording, plan, robust=robust, closed_form=closed_form, prior=prior, terms=terms, sensors=sensors
+        )
+    if method == "roll-isolated":
+        from . import roll_isolated
+
+        return roll_isolated.calibrate_recording(recording, plan, robust=robust)
     return _on_table(method, recording, plan, matrix, robust)
 
 

@@ -49,11 +49,21 @@ class Rows(NamedTuple):
         Derivative of the residual.
     segment : ndarray of int, shape (n,)
         Segment of each row.
+    rest : ndarray, shape (segments,), or None
+        Squares of further residuals of each segment that no small change of a parameter moves, as they are left over when
+        long lists of rows are reduced by QR. They count when steps are weighed, so that the cost is that of all residuals, and
+        not in the chi-square, where they would drown what segments say about each other.
     """
 
     residual: Array
     jacobian: Array
     segment: NDArray[np.intp]
+    rest: Array | None = None
+
+    @property
+    def left(self) -> float:
+        """Sum of `rest`."""
+        return 0.0 if self.rest is None else float(self.rest.sum())
 
 
 Model = Callable[[Array], Rows]

@@ -21,6 +21,7 @@ def estimate(
     noise_known: bool = True,
     robust: bool = False,
     max_iterations: int = 60,
+    tolerance: float = 1e-9,
 ) -> Estimate:
     """Fit named parameters to whitened residuals.
 
@@ -36,6 +37,9 @@ def estimate(
     robust : bool
         Turn down segments that disagree with the rest (Huber weights on whole segments).
     max_iterations : int
+    tolerance : float
+        A step that moves the residuals by less than this, relative to their size, is the last one. Coarser where each
+        evaluation of the model costs a pass over a recording.
 
     Returns
     -------
@@ -54,7 +58,7 @@ def estimate(
     iterations = 0
     for _ in range(20 if robust else 1):
         weighted = _weighted(model, weights)
-        x, used, settled = _gauss_newton(parameters, weighted, x, max_iterations)
+        x, used, settled = _gauss_newton(parameters, weighted, x, max_iterations, tolerance)
         if not settled:
             raise DataError(f"the fit did not settle in {used} iterations: no result is better than a wrong one")
         iterations += used
@@ -100,9 +104,9 @@ def _weighted(model: Model, weights: Array) -> Model:
         return model
 
     def rows(x: Array) -> Rows:
-        r, jac, seg = model(x)
+        r, jac, seg, rest = model(x)
         w = np.sqrt(weights[seg])
-        return Rows(r * w, jac * w[:, None], seg)
+        return Rows(r * w, jac * w[:, None], seg, None if rest is None else rest * weights)
 
     return rows
 
@@ -115,26 +119,32 @@ def _huber(rows: Rows, count: int) -> Array:
     return np.minimum(1.0, limit / np.maximum(size, 1e-300))
 
 
-def _gauss_newton(parameters: Sequence[Parameter], model: Model, x: Array, limit: int) -> tuple[Array, int, bool]:
+def _gauss_newton(
+    parameters: Sequence[Parameter], model: Model, x: Array, limit: int, tolerance: float = 1e-9
+) -> tuple[Array, int, bool]:
     """Gauss-Newton with step halving; stops when a step moves no residual and no parameter any more."""
     scale = np.array([p.scale for p in parameters])
-    r, jac = stacked(parameters, model(x), x)
+    rows = model(x)
+    r, jac = stacked(parameters, rows, x)
     before = np.inf
     for iteration in range(1, limit + 1):
         step = scale * np.linalg.lstsq(jac * scale, -r, rcond=None)[0]
-        cost, fraction = r @ r, 1.0
+        cost, fraction = r @ r + rows.left, 1.0
         for _ in range(12):
             trial = x + fraction * step
-            new_r, new_jac = stacked(parameters, model(trial), trial)
-            new_cost = new_r @ new_r
+            rows = model(trial)
+            new_r, new_jac = stacked(parameters, rows, trial)
+            new_cost = new_r @ new_r + rows.left
             if np.isfinite(new_cost) and new_cost <= cost * (1 + 1e-9) + 1e-18:
                 break
             fraction /= 2
         else:
             return x, iteration, _at_the_bottom(jac, step, r)
-        moved, size = float(np.linalg.norm(jac @ step)), max(1.0, float(np.sqrt(cost)))
+        moved, size = float(np.linalg.norm(jac @ step)), max(1.0, float(np.linalg.norm(r)))
         x, r, jac = trial, new_r, new_jac
-        if moved < 1e-9 * size or 0.9 * before < moved < 1e-3 * size:  # nothing moves any more, or only rounding does
+        if (
+            moved < tolerance * size or 0.9 * before < moved < 1e-3 * size
+        ):  # nothing moves any more, or only rounding does
             return x, iteration, True
         before = moved
     return x, limit, False
