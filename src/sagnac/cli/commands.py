@@ -68,10 +68,16 @@ def demo(
 
 @app.command(
     epilog="Example: `sagnac calibrate norm recording.csv --plan plan.toml --out cal.json`, or for a unit turned by hand: "
-    "`sagnac calibrate norm log.csv --gravity '9.81744 m/s^2' --out cal.json`"
+    "`sagnac calibrate norm log.csv --gravity '9.81744 m/s^2' --out cal.json`, or on a centrifuge: "
+    "`sagnac calibrate centrifuge spun.csv --plan arm.toml --prior at-1g.json --out cal.json`"
 )
 def calibrate(
-    method: Annotated[str, typer.Argument(help="four-position, multi-position, norm or table.", metavar="METHOD")],
+    method: Annotated[
+        str,
+        typer.Argument(
+            help="four-position, multi-position, norm, table, centrifuge or roll-isolated.", metavar="METHOD"
+        ),
+    ],
     recording: options.RecordingFile,
     plan: options.PlanFile = None,
     out: Annotated[Path | None, typer.Option("--out", help="Calibration file to write (JSON).")] = None,
@@ -86,6 +92,16 @@ def calibrate(
     ] = Matrix.full,
     robust: Annotated[bool, typer.Option("--robust", help="Turn down segments that disagree with the rest.")] = False,
     static_threshold: options.Threshold = None,
+    closed_form: Annotated[
+        bool, typer.Option("--closed-form", help="Centrifuge: the published closed form instead of the fit.")
+    ] = False,
+    prior: Annotated[
+        Path | None, typer.Option(help="Centrifuge: the unit's calibration at 1 g (JSON), known beforehand.")
+    ] = None,
+    terms: Annotated[
+        str, typer.Option(help="Centrifuge: terms to estimate, accel.k2,accel.kio,...; default: all but Kio and Kpo.")
+    ] = "",
+    sensors: Annotated[str, typer.Option(help="Centrifuge: only these, accel or gyro_x,gyro_y.")] = "",
     plot: Annotated[
         Path | None, typer.Option(help="Draw the log with its segments or static intervals (PNG, SVG, PDF).")
     ] = None,
@@ -96,16 +112,27 @@ def calibrate(
     The method norm without segments in the plan, or without plan, is for a unit turned by hand.
     """
     from ..calibrate import calibrate as run
+    from ..calibration import load
+    from .terminal import announce_compilation
 
-    options.keep_inputs(("--out", out), ("--plot", plot), inputs=(recording, plan))
+    options.keep_inputs(("--out", out), ("--plot", plot), inputs=(recording, plan, prior))
     options.check_picture(plot)
     done = options.plan_with(plan, gravity, latitude, height)
     opened = options.open_with(recording, done, units, scale, names)
-    if method == "norm" and (done is None or not done.segment) and "gyro" in opened.has:
-        from .terminal import announce_compilation
-
-        announce_compilation()
-    result = run(method, opened, done, matrix=matrix.value, robust=robust, threshold=static_threshold)
+    hand_turned = method == "norm" and (done is None or not done.segment) and "gyro" in opened.has
+    announce_compilation("hand-turned" if hand_turned else method)
+    result = run(
+        method,
+        opened,
+        done,
+        matrix=matrix.value,
+        robust=robust,
+        threshold=static_threshold,
+        closed_form=closed_form,
+        prior=None if prior is None else load(prior),
+        terms=options.parts(terms),
+        sensors=options.parts(sensors),
+    )
     if out is not None:
         result.save(out)
     if plot is not None:
@@ -129,10 +156,11 @@ def apply(
     """Compensate a recording: readings in, specific force and angular rate out."""
     from ..calibration import load
     from ..compensation import apply as run
-    from .terminal import counting
+    from .terminal import announce_compilation, counting
 
     options.keep_inputs(("--out", out), inputs=(recording, calibration, plan))
     model = load(calibration)
+    announce_compilation(f"apply {model.method}")
     opened = options.open_with(recording, options.plan_with(plan, None, None, None), units, scale, names, model)
     with counting(f"compensating {recording.name}") as progress:
         rows = run(model, opened, out, progress=progress)
@@ -157,10 +185,12 @@ def verify(
     from ..calibration import load
     from ..observe.static import THRESHOLD
     from ..verification import verify as run
+    from .terminal import announce_compilation
 
     done = options.plan_with(plan, gravity, latitude, height)
     model = load(calibration)
     opened = options.open_with(recording, done, units, scale, names, model)
+    announce_compilation(model.method)
     outcome = run(model, opened, done, threshold=static_threshold or THRESHOLD)
     typer.echo(json.dumps(outcome.to_dict(), indent=1) if as_json else outcome.summary())
     if not outcome.passed:

@@ -33,7 +33,7 @@ def check(
     from ..design import check as run
     from ..plan import load
 
-    found = run(load(plan), method, sensors=options.sensors_of(sensors))
+    found = run(load(plan), method, sensors=options.parts(sensors))
     typer.echo(json.dumps(found.to_dict(), indent=1) if as_json else found.summary(), nl=as_json)
     if found.unseen:
         raise typer.Exit(1)

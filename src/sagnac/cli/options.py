@@ -65,8 +65,8 @@ def pairs(text: str | None, option: str) -> dict[str, str]:
     return out
 
 
-def sensors_of(text: str) -> tuple[str, ...] | None:
-    """Sensors named with commas between; None when there are none."""
+def parts(text: str) -> tuple[str, ...] | None:
+    """Names with commas between; None when there are none."""
     return tuple(part.strip() for part in text.split(",") if part.strip()) or None
 
 

@@ -12,13 +12,25 @@ def note(text: str) -> None:
     print(text, file=sys.stderr)  # noqa: T201 - this is the terminal
 
 
-def announce_compilation() -> None:
-    """Say that kernels are being compiled, when they are."""
-    from ..kernels import is_cold
-    from ..kernels.rotation import integrate
+_COMPILED = {
+    "hand-turned": (("rotation", "integrate"),),
+    "roll-isolated": (("local_level", "innovations"),),
+    "centrifuge": (("harmonics", "harmonic_sums"), ("harmonics", "look")),
+    "apply roll-isolated": (("attitude", "compose"),),
+}
+"""Kernels that a method calls."""
 
-    if is_cold(integrate):
-        note("compiling the rotation kernel (a few seconds, once on this machine) ...")
+
+def announce_compilation(method: str) -> None:
+    """Say that the kernels of a method are being compiled, when they are."""
+    if method not in _COMPILED:
+        return
+    from importlib import import_module
+
+    from ..kernels import is_cold
+
+    if any(is_cold(getattr(import_module(f"sagnac.kernels.{m}"), kernel)) for m, kernel in _COMPILED[method]):
+        note("compiling kernels (a few seconds, once on this machine) ...")
 
 
 @contextmanager
