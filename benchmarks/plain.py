@@ -112,3 +112,43 @@ def table_by_scipy(readings, sigma, plan, angles, left, least_squares):
         return np.concatenate([*(p.ravel() for p in parts), x[24:27] / 0.5, x[27:]])
 
     return least_squares(residual, np.zeros(34 + 3 * n), x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12).x[:21]
+
+
+def harmonic_terms(angle, order, tau=None):
+    """Columns 1, cos th, sin th, cos 2 th, ...; with tau also tau cos th, tau sin th, ..."""
+    waves = [f(h * angle) for h in range(1, order + 1) for f in (np.cos, np.sin)]
+    return np.stack([np.ones_like(angle), *waves, *([] if tau is None else [tau * w for w in waves])], axis=1)
+
+
+def harmonics(values, angle, order, tau=None):
+    """Least-squares coefficients (axes, k), inverse Gram matrix and residual sums of squares, from the whole design matrix."""
+    terms = harmonic_terms(angle, order, tau)
+    found = np.linalg.lstsq(terms, values, rcond=None)[0]
+    return found.T, np.linalg.inv(terms.T @ terms), ((values - terms @ found) ** 2).sum(axis=0)
+
+
+def block_harmonics(values, interval, rate, order, block=512):
+    """Coefficients of evenly spaced samples (n,) by one matrix product over reshaped blocks and a phase for each."""
+    table = np.exp(-1j * rate * interval * np.outer(np.arange(block), np.arange(order + 1)))
+    whole = len(values) // block * block
+    local = values[:whole].reshape(-1, block) @ np.concatenate([table.real, table.imag[:, 1:]], axis=1)
+    starts = np.exp(-1j * rate * interval * block * np.outer(np.arange(len(local)), np.arange(order + 1)))
+    waves = local[:, : order + 1].astype(complex)
+    waves[:, 1:] += 1j * local[:, order + 1 :]
+    sums = (waves * starts).sum(axis=0)
+    at = np.arange(whole, len(values))
+    sums += values[whole:] @ np.exp(-1j * rate * interval * np.outer(at, np.arange(order + 1)))
+    moment = np.array([_dirichlet(m * rate * interval, len(values)) for m in range(2 * order + 1)])
+    h = np.arange(-order, order + 1)
+    apart = h[None, :] - h[:, None]
+    matrix = np.where(apart >= 0, moment[abs(apart)], moment[abs(apart)].conj())
+    spectrum = np.linalg.solve(matrix, np.concatenate([sums[:0:-1].conj(), sums]))[order:]
+    pairs = np.stack([2 * spectrum[1:].real, -2 * spectrum[1:].imag], axis=1)
+    return np.concatenate([spectrum[:1].real, pairs.ravel()])
+
+
+def _dirichlet(step, count):
+    """Sum of exp(i step k), k = 0 ... count - 1."""
+    half = np.sin(0.5 * step)
+    ratio = count if half == 0 else np.sin(0.5 * step * count) / half
+    return ratio * np.exp(0.5j * step * (count - 1))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,8 @@ class Batch:
         ``outer``, ``middle``, ``inner``, ``arm``, ``encoder`` (rad), ``temperature`` (K), as far as recorded.
     other : object
         pyarrow record batch of the columns that nothing here reads, for passing on; None when not asked for.
+    single : dict of str to ndarray, shape (n,)
+        Axes (``accel_z``, ...) of sensors that lack others, SI or counts as `accel` and `gyro`.
     """
 
     row: int
@@ -64,6 +66,7 @@ class Batch:
     gyro: Array | None
     rig: Mapping[str, Array] = field(default_factory=dict)
     other: Any = None
+    single: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,11 @@ class Recording:
         Header texts of the columns that nothing here reads.
     scale : mapping of str to str
         Nominal scale factors that turned counts into SI.
+    single : frozenset of str
+        Axes of sensors that lack others, as on a rig with one accelerometer (``accel_z``). Methods that need whole triads
+        refuse such a recording, see :meth:`need_whole`.
+    rig : frozenset of str
+        Names of the rig columns, see :class:`Batch`.
     """
 
     name: str
@@ -106,6 +114,8 @@ class Recording:
     other: tuple[str, ...]
     scale: Mapping[str, str]
     _stream: Callable[[bool], Iterator[Batch]] = field(repr=False)
+    single: frozenset[str] = frozenset()
+    rig: frozenset[str] = frozenset()
 
     def batches(self, *, with_other: bool = False) -> Iterator[Batch]:
         """Samples piece by piece, each checked.
@@ -124,7 +134,8 @@ class Recording:
                 yield batch
 
     def read(self) -> Batch:
-        """All samples at once."""
+        """All samples at once, of whole triads (see :meth:`need_whole`)."""
+        self.need_whole()
         parts = list(self.batches())
         if not parts:
             raise InputError(f"{self.name}: no samples")
@@ -142,9 +153,17 @@ class Recording:
 
     def need(self, sensor: str) -> None:
         """Refuse, with what is missing, when the three columns of a sensor are not there."""
+        self.need_whole()
         if sensor not in self.has:
             columns = ", ".join(SENSORS[sensor])
             raise InputError(f"{self.name}: this method needs the columns {columns}; rename others with --map")
+
+    def need_whole(self) -> None:
+        """Refuse a recording in which a sensor has some of its three columns only: others may have another name."""
+        for sensor, axes in SENSORS.items():
+            missing = [a for a in axes if a not in self.single]
+            if len(missing) < len(axes):
+                raise InputError(f"{self.name}: {sensor} lacks {', '.join(missing)}; rename columns with --map")
 
 
 def from_arrays(
@@ -155,6 +174,7 @@ def from_arrays(
     counts: tuple[str, ...] = (),
     name: str = "recording",
     rig: Mapping[str, ArrayLike] | None = None,
+    single: Mapping[str, ArrayLike] | None = None,
 ) -> Recording:
     """A recording from arrays in memory.
 
@@ -169,6 +189,8 @@ def from_arrays(
         Used in messages.
     rig : mapping of str to array_like, shape (n,), optional
         Rig columns in SI.
+    single : mapping of str to array_like, shape (n,), optional
+        Axes (``accel_z``, ...) of sensors that lack others.
 
     Raises
     ------
@@ -185,14 +207,39 @@ def from_arrays(
             if data[sensor].shape != (t.size, 3):
                 raise InputError(f"{name}: {sensor} has shape {data[sensor].shape}, time has {t.size} samples")
     columns = {k: _numbers(v, f"{name}: {k}") for k, v in (rig or {}).items()}
-    for column, values in columns.items():
+    axes = {k: _numbers(v, f"{name}: {k}") for k, v in (single or {}).items()}
+    for column, values in (*columns.items(), *axes.items()):
         if values.shape != t.shape:
             raise InputError(f"{name}: {column} has shape {values.shape}, time has {t.size} samples")
+    _refuse_no_single(name, axes, data)
 
     def stream(_: bool) -> Iterator[Batch]:
-        yield Batch(1, t, data.get("accel"), data.get("gyro"), columns)
+        yield Batch(1, t, data.get("accel"), data.get("gyro"), columns, single=axes)
 
-    return Recording(name, None, frozenset(counts), frozenset(data), frozenset(), (), {}, stream)
+    return Recording(
+        name,
+        None,
+        counts=frozenset(counts),
+        has=frozenset(data),
+        increments=frozenset(),
+        other=(),
+        scale={},
+        _stream=stream,
+        single=frozenset(axes),
+        rig=frozenset(columns),
+    )
+
+
+def _refuse_no_single(name: str, given: Collection[str], whole: Collection[str]) -> None:
+    """Single axes must be axes, of sensors that are not there as a whole."""
+    for axis in given:
+        if axis not in (*SENSORS["accel"], *SENSORS["gyro"]):
+            raise InputError(f"{name}: {axis!r} is no axis (accel_x, ... gyro_z)")
+    for sensor, axes in SENSORS.items():
+        if sensor in whole and any(a in given for a in axes):
+            raise InputError(f"{name}: {sensor} is given as a whole and by single axes")
+        if all(a in given for a in axes):
+            raise InputError(f"{name}: the single axes make {sensor} whole; give {sensor}, shape (n, 3), instead")
 
 
 def _numbers(values: ArrayLike, what: str) -> Array:
@@ -242,28 +289,38 @@ def open_recording(
         channels[name] = _channel(name, column, unit_text, units_of or {}, scale or {}, path, counts)
     if "time" not in channels:
         raise InputError(f"{path}: no column 'time [s]'; the columns are: {', '.join(table.columns)}")
-    has = frozenset(s for s, axes in SENSORS.items() if all(a in channels for a in axes))
-    for sensor, axes in SENSORS.items():
-        missing = [a for a in axes if a not in channels]
-        if 0 < len(missing) < len(axes):
-            raise InputError(f"{path}: {sensor} lacks {', '.join(missing)}; rename columns with --map")
-        if {f"{sensor}" in counts, *(a in counts for a in axes)} - {False} and not all(a in counts for a in axes):
+    present = {s: [a for a in axes if a in channels] for s, axes in SENSORS.items()}
+    has = frozenset(s for s, axes in present.items() if len(axes) == len(SENSORS[s]))
+    single = frozenset(a for s, axes in present.items() if s not in has for a in axes)
+    for sensor, axes in present.items():
+        if any(a in counts for a in axes) and not all(a in counts for a in axes):
             raise InputError(
                 f"{path}: some {sensor} columns are counts and others are not; give --scale for all of them"
             )
-    if not has:
+    if not has and not single:
         raise InputError(f"{path}: no sensor columns (accel_x [g], gyro_x [deg/s], ...); rename others with --map")
-    raw = frozenset(s for s in has if SENSORS[s][0] in counts)
-    summed = frozenset(s for s in has if any(channels[a].increment for a in SENSORS[s]))
+    raw = frozenset(s for s, axes in present.items() if any(a in counts for a in axes))
+    summed = frozenset(s for s, axes in present.items() if any(channels[a].increment for a in axes))
     used = {c.column for c in channels.values()}
     other = tuple(c for c in table.columns if c not in used)
 
     def stream(with_other: bool) -> Iterator[Batch]:
         return _stream(table, channels, other if with_other else ())
 
-    counted = {s for s in has if any(channels[a].counted for a in SENSORS[s])}
+    counted = {s for s, axes in present.items() if any(channels[a].counted for a in axes)}
     needed = {k: v for k, v in (scale or {}).items() if k.split("_")[0] in counted}
-    return Recording(str(path), path, raw, has, summed, other, needed, stream)
+    return Recording(
+        str(path),
+        path,
+        counts=raw,
+        has=has,
+        increments=summed,
+        other=other,
+        scale=needed,
+        _stream=stream,
+        single=single,
+        rig=frozenset(_NAMES[7:]) & channels.keys(),
+    )
 
 
 def _headers(columns: tuple[str, ...], rename: Mapping[str, str], path: Path) -> dict[str, tuple[str, str | None]]:
@@ -393,8 +450,9 @@ def _stream(table: formats.Table, channels: Mapping[str, Channel], other: tuple[
             s: np.column_stack([si[a] for a in axes]) for s, axes in SENSORS.items() if all(a in si for a in axes)
         }
         rig = {n: v for n, v in si.items() if n in _NAMES[7:]}
+        single = {a: si[a] for s, axes in SENSORS.items() if s not in sensors for a in axes if a in si}
         rest = piece.select(list(other)) if other else None
-        yield Batch(row, si["time"], sensors.get("accel"), sensors.get("gyro"), rig, rest)
+        yield Batch(row, si["time"], sensors.get("accel"), sensors.get("gyro"), rig, rest, single)
         row += size
 
 
@@ -453,6 +511,7 @@ def _check(name: str, batch: Batch, last: float) -> None:
     for sensor, values in (("accel", batch.accel), ("gyro", batch.gyro)):
         if values is not None:
             columns += [(axis, values[:, i]) for i, axis in enumerate(SENSORS[sensor])]
+    columns += batch.single.items()
     for column, values in columns:
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:

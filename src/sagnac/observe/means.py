@@ -15,17 +15,15 @@ import numpy as np
 from ..errors import DataError
 from ..frames import Array
 from ..plan import Plan, Segment
-from ..recording import GAP, SENSORS, Batch, Recording, sample_interval
+from ..recording import SENSORS, Recording, sample_interval
+from .samples import axis_names, gaps, gaps_inside, refuse_outside, refuse_saturated
 from .sums import BLOCKS, Sums
 
-_STUCK = 10  # equal samples that no noisy axis shows by chance
-_FROZEN_SHARE = 0.2
 _DITHERED = 0.4  # noise, in steps of the converter, from which averaging takes the rounding away
 _FINEST_STEP = 1e-5  # of the range: a converter of 17 bits
 _TELLING = 4  # different values from which a common step is no accident
 _MOVING = 100.0  # times the usual noise, and
 _MOVED = 1e-3  # of the range over all segments: no noise
-_RESOLVED = 1.5  # noise in steps of the converter from which a run of equal samples is suspicious
 
 
 @dataclass(frozen=True)
@@ -111,18 +109,19 @@ def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
     DataError
         When a segment lies outside the data or holds no sample, or an axis is saturated.
     InputError
-        When a sample cannot be read (see :meth:`Recording.batches`).
+        When a sample cannot be read (see :meth:`Recording.batches`), or a triad lacks an axis.
     """
+    recording.need_whole()
     if not plan.segment:
         raise DataError("the plan has no [[segment]]; this method needs to know which samples belong to which position")
     sensors = [s for s in SENSORS if s in recording.has]
     sums = [Sums(s, 3 * len(sensors)) for s in plan.segment]
-    interval, first, last, gaps = np.nan, np.nan, np.nan, []
+    interval, first, last, holes = np.nan, np.nan, np.nan, []
     for batch in recording.batches():
         if np.isnan(interval) and batch.time.size > 1:
             interval = sample_interval(batch.time)
         first = batch.time[0] if np.isnan(first) else first
-        gaps += _gaps(batch, last, interval)
+        holes += gaps(batch, last, interval)
         last = float(batch.time[-1])
         values = np.hstack([v for v in (batch.accel, batch.gyro) if v is not None])
         # pulses were counted over the interval before their time stamp
@@ -131,58 +130,9 @@ def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
             i, j = np.searchsorted(time, [part.segment.start, part.segment.stop])
             if j > i:
                 part.add(time[i:j], values[i:j], interval if np.isfinite(interval) else np.inf)
-    _refuse_outside(recording.name, sums, float(first), last, interval)
-    _refuse_saturated(recording.name, sums, sensors)
-    return _gather(recording, sums, sensors, interval, gaps, (float(first), last))
-
-
-def _gaps(batch: Batch, last: float, interval: float) -> list[tuple[float, float]]:
-    steps = np.diff(batch.time, prepend=last if np.isfinite(last) else batch.time[0])
-    where = np.flatnonzero(steps > GAP * interval)
-    return [(float(batch.time[i] - steps[i]), float(steps[i])) for i in where]
-
-
-def _refuse_outside(name: str, sums: list[Sums], first: float, last: float, interval: float) -> None:
-    slack = GAP * interval if np.isfinite(interval) else 0.0
-    if np.isnan(first):
-        raise DataError(f"{name}: the recording holds no samples")
-    for part in sums:
-        s = part.segment
-        if part.count == 0 or s.start < first - slack or s.stop > last + slack:
-            raise DataError(
-                f"segment {s.name!r} ({s.start:g} s to {s.stop:g} s) lies outside the data of {name} "
-                f"({first:g} s to {last:g} s, {part.count} samples in the segment): check the plan's times"
-            )
-
-
-def _refuse_saturated(name: str, sums: list[Sums], sensors: list[str]) -> None:
-    """An axis that stays on one extreme value while it is noisy elsewhere is saturated or stuck."""
-    axes = [a for s in sensors for a in SENSORS[s]]
-    noise = np.array([p.sample_noise for p in sums])
-    turning = np.array([p.segment.turn_rate != 0 for p in sums])
-    finest = np.min([p.finest for p in sums], axis=0)
-    low, high = np.min([p.low for p in sums], axis=0), np.max([p.high for p in sums], axis=0)
-    alive = noise.max(axis=0) > 0
-    for k, axis in enumerate(axes):
-        if low[k] == high[k] and alive.any() and len(sums) > 1:
-            raise DataError(f"{name}: {axis} never changes (always {low[k]:g}): the axis is dead or not connected")
-        for part, turns in zip(sums, turning, strict=True):
-            # among its like: what the turn itself changes from sample to sample is no noise
-            if not np.median(noise[turning == turns, k]) > _RESOLVED * finest[k]:
-                continue
-            for side, value, held in (("top", high[k], part.at_high[k]), ("bottom", low[k], part.at_low[k])):
-                extreme = (part.high if side == "top" else part.low)[k] == value
-                if extreme and held >= max(_STUCK, _FROZEN_SHARE * part.count):
-                    raise DataError(
-                        f"{name}: {axis} is saturated in segment {part.segment.name!r}: {int(held)} of {part.count} "
-                        f"samples stand exactly at the {side} of its range ({value:g}). Leave the segment out or "
-                        "choose a wider range"
-                    )
-            if part.count >= _STUCK and part.low[k] == part.high[k]:
-                raise DataError(
-                    f"{name}: {axis} is stuck at {part.low[k]:g} through segment {part.segment.name!r}: "
-                    "the axis or its channel stopped"
-                )
+    refuse_outside(recording.name, sums, float(first), last, interval)
+    refuse_saturated(recording.name, sums, axis_names(recording))
+    return _gather(recording, sums, sensors, interval, holes, (float(first), last))
 
 
 def _gather(
@@ -190,16 +140,11 @@ def _gather(
     sums: list[Sums],
     sensors: list[str],
     interval: float,
-    gaps: list[tuple[float, float]],
+    holes: list[tuple[float, float]],
     span: tuple[float, float],
 ) -> SegmentMeans:
     count = np.array([p.count for p in sums])
-    steps = np.array(
-        [(p.last - p.first - p.lost) / max(p.count - 1 - p.gaps, 1) if p.count > 1 else np.nan for p in sums],
-        dtype=float,
-    )
-    single = count == 1
-    steps[single] = [p.segment.stop - p.segment.start for p in sums if p.count == 1]
+    steps = np.array([p.interval for p in sums])
     finest = np.min([p.finest for p in sums], axis=0)
     worth = np.zeros(3 * len(sensors))
     for i, s in enumerate(sensors):
@@ -221,7 +166,7 @@ def _gather(
     rounded = np.where((noise < _DITHERED * finest) & np.isfinite(finest), finest, 0.0) ** 2 / 12.0
     return SegmentMeans(
         segments=tuple(p.segment for p in sums),
-        mid_time=np.array([p.segment.start + p.time_sum / p.count for p in sums]),
+        mid_time=np.array([p.mid_time for p in sums]),
         interval=steps,
         duration=count * steps,
         count=count,
@@ -233,7 +178,7 @@ def _gather(
         counts=recording.counts,
         remarks=(
             *_rounding_remarks(rounded, noise, recording, sensors),
-            *_gap_remarks(gaps, sums),
+            *_gap_remarks(holes, sums),
             *_restless(found, sensors, worth),
         ),
         span=span,
@@ -276,13 +221,9 @@ def _lattice(extremes: Array) -> Array:
     return out
 
 
-def _gap_remarks(gaps: list[tuple[float, float]], sums: list[Sums]) -> list[str]:
-    inside = [(p.segment, t, g) for t, g in gaps for p in sums if p.segment.start <= t and t + g <= p.segment.stop]
+def _gap_remarks(holes: list[tuple[float, float]], sums: list[Sums]) -> list[str]:
     turning = "; while turning, what is left of the Earth rate is then only roughly known: better cut the segment there"
-    return [
-        f"gap of {g:.3g} s at {t:.6g} s in segment {s.name!r}: excluded{turning if s.turn_rate else ''}"
-        for s, t, g in inside[:20]
-    ]
+    return [text + turning * (s.turn_rate != 0) for s, text in gaps_inside(holes, [p.segment for p in sums])]
 
 
 def _restless(found: list[tuple[Sums, Array, int]], sensors: list[str], worth: Array) -> list[str]:

@@ -7,37 +7,22 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..frames import Array
-from ..plan import Segment
-from ..recording import GAP
+from .samples import Seen
 
 BLOCKS = 16
 """Stretches of equal time that a segment is divided into, to judge the noise of its mean by theirs."""
 
 
 @dataclass
-class Sums:
+class Sums(Seen):
     """Running sums of one segment over the axes of all sensors."""
 
-    segment: Segment
-    axes: int
-    count: int = 0
-    time_sum: float = 0.0
-    first: float = np.nan
-    last: float = np.nan
-    lost: float = 0.0
-    gaps: int = 0
     reference: Array = field(default_factory=lambda: np.zeros(0))
     previous: Array = field(default_factory=lambda: np.zeros(0))
     block_sum: Array = field(default_factory=lambda: np.zeros(0))
     block_count: Array = field(default_factory=lambda: np.zeros(BLOCKS))
     shape: Array = field(default_factory=lambda: np.zeros((BLOCKS, 3)))
     """Sums over each block of time, and of cosine and sine of the turn: what is no noise goes like these."""
-    squared_steps: Array = field(default_factory=lambda: np.zeros(0))
-    low: Array = field(default_factory=lambda: np.zeros(0))
-    high: Array = field(default_factory=lambda: np.zeros(0))
-    at_low: Array = field(default_factory=lambda: np.zeros(0))
-    at_high: Array = field(default_factory=lambda: np.zeros(0))
-    finest: Array = field(default_factory=lambda: np.zeros(0))
 
     def add(self, time: Array, values: Array, interval: float) -> None:
         """Take in the next samples of the segment.
@@ -50,10 +35,8 @@ class Sums:
             Usual step from sample to sample; wider ones are gaps.
         """
         if self.count == 0:
-            self._begin(time, values)
-        steps = np.diff(time, prepend=self.last)
-        wide = steps > GAP * interval
-        self.lost, self.gaps = self.lost + float(steps[wide].sum()), self.gaps + int(wide.sum())
+            self._begin(values)
+        self.see(time, interval)
         span = self.segment.stop - self.segment.start
         block = np.clip(((time - self.segment.start) / span * BLOCKS).astype(int), 0, BLOCKS - 1)
         edges = np.searchsorted(block, np.arange(BLOCKS))
@@ -69,18 +52,15 @@ class Sums:
         steps = np.abs(np.diff(values, axis=0, prepend=self.previous[None]))
         self.squared_steps += (steps**2).sum(axis=0)
         self.finest = np.minimum(self.finest, np.where(steps > 0, steps, np.inf).min(axis=0))
-        self.count += time.size
-        self.time_sum += float((time - self.segment.start).sum())
-        self.last, self.previous = float(time[-1]), values[-1].copy()
+        self.previous = values[-1].copy()
 
-    def _begin(self, time: Array, values: Array) -> None:
+    def _begin(self, values: Array) -> None:
         self.reference, self.previous = values[0].copy(), values[0].copy()
         self.block_sum = np.zeros((BLOCKS, self.axes))
         self.squared_steps = np.zeros(self.axes)
         self.low, self.high = np.full(self.axes, np.inf), np.full(self.axes, -np.inf)
         self.at_low, self.at_high = np.zeros(self.axes), np.zeros(self.axes)
         self.finest = np.full(self.axes, np.inf)
-        self.first = self.last = float(time[0])
 
     def _extremes(self, values: Array) -> None:
         for bound, at, value in (
@@ -97,11 +77,6 @@ class Sums:
     def mean(self) -> Array:
         """Mean of all samples, shape (axes,)."""
         return np.asarray(self.reference + self.block_sum.sum(axis=0) / self.count)
-
-    @property
-    def sample_noise(self) -> Array:
-        """Noise of single samples from their differences, shape (axes,)."""
-        return np.asarray(np.sqrt(0.5 * self.squared_steps / max(self.count - 1, 1)))
 
     def block_density(self, interval: float) -> tuple[Array, int]:
         """Noise density squared from full blocks, and the degrees of freedom it rests on."""

@@ -335,7 +335,7 @@ def _sorted(time: Array, values: Array, arm: Array, axes: Sequence[str]) -> Samp
     return Samples(time, whole.get("accel"), whole.get("gyro"), arm, columns)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=32)
 def _regression(
     rate: float, count: int, interval: float, order: int, extended: bool
 ) -> tuple[Array, Array, Array, Array]:

@@ -1,0 +1,257 @@
+"""The published closed form of the centrifuge, as baseline: small angles, first order, one speed [XU18].
+
+With the platform counter-rotating, alpha = beta = 0 and gamma = 0, pi/2, pi (indices 0, 2, 4), all in units of gravity, k_h,i
+being the amplitude of harmonic h at gamma = i pi/4 and A = w^2 r, the accelerometer z has (signs corrected) ::
+
+    th_pz = -k1c,0 / A       th_oz = -k1s,2 / A       Kip = 2 k2s,2 / A^2
+    K2 = 2 k2c,2 / A^2       K3 = -4 k3c,2 / A^3
+    K0 = (k0,0 + k0,4) / 2 - K2                       K1 = (k0,0 - k0,4 - 2) / 2 - K3
+
+The same reasoning gives those of x, which lies in the arm's plane at gamma = 0 and points down at pi/2 ::
+
+    Kip = 2 k2s,0 / A^2      K2 = 2 k2c,0 / A^2       K3 = -4 k3c,0 / A^3
+    K0 = (k0,0 + k0,4) / 2 - k2c,0                    K1 = K0 + K2 - K3 - k0,2 - 1
+
+and of y, which always lies in the arm's plane, so that only A + A1 (A1 = 2 w r W_U) shows its scale ::
+
+    th_py = -k1c,0 / A       Kip = -2 k2s,2 / A^2     K2 = -2 k2c,0 / A^2      K3 = 4 k3s,0 / A^3
+    K0 = (k0,0 + k0,4) / 2 + k2c,0                    K1 = -[(k1s,0 + k1s,4) / 2 + 3 k3s,0] / (A + A1) - 1
+
+All are linear in the amplitudes. What they leave out is found by feeding them with what the exact model predicts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..calibration import BudgetLine, Calibration, Fit, named
+from ..errors import DataError, InputError
+from ..frames import Array
+from ..plan import Plan
+from ..recording import Recording
+from ..rigs.centrifuge import series
+from ..sensors import Axis
+from ..sensors.series import response
+from . import common
+from .centrifuge_task import Task
+
+TERMS = ("bias", "scale_error", "k2", "k3", "kip")
+_PAIRS = {"x": (), "y": ("yx",), "z": ("zx", "zy")}
+_GAMMAS = np.array([0.0, np.pi / 2.0, np.pi])
+_NEAR = 1e-3  # rad: as near as a setting must be to the published ones
+_C1, _S1, _C2, _S2, _C3, _S3 = range(1, 7)  # places of the harmonics in a row of coefficients
+COUNT = 7
+"""Amplitudes that are used of each segment: up to the third harmonic."""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Parameters of one accelerometer as ``constant + matrix @ amplitudes``, SI.
+
+    Attributes
+    ----------
+    axis : Axis
+    constant : ndarray, shape (k,)
+    matrix : ndarray, shape (k, 21)
+        To the seven amplitudes at each of the three gammas, in m/s^2.
+    """
+
+    axis: Axis
+    constant: Array
+    matrix: Array
+
+    def __call__(self, amplitudes: Array) -> Array:
+        """Parameters for amplitudes of shape (3, 7 or more)."""
+        return np.asarray(self.constant + self.matrix @ amplitudes[:, :COUNT].ravel())
+
+
+def _z(a: float) -> dict[str, Array]:
+    k = np.zeros((7, 3, COUNT))
+    zx, zy, kip, k2, k3, bias, scale = k
+    zx[0, _C1] = zy[1, _S1] = -1.0 / a
+    kip[1, _S2] = k2[1, _C2] = 2.0 / a**2
+    k3[1, _C3] = -4.0 / a**3
+    bias[0, 0] = bias[2, 0] = scale[0, 0] = 0.5
+    scale[2, 0] = -0.5
+    return {"zx": zx, "zy": zy, "kip": kip, "k2": k2, "k3": k3, "bias": bias - k2, "scale_error": scale - k3}
+
+
+def _x(a: float) -> dict[str, Array]:
+    k = np.zeros((5, 3, COUNT))
+    kip, k2, k3, bias, scale = k
+    kip[0, _S2] = k2[0, _C2] = 2.0 / a**2
+    k3[0, _C3] = -4.0 / a**3
+    bias[0, 0] = bias[2, 0] = 0.5
+    bias[0, _C2] = -1.0
+    scale[1, 0] = -1.0
+    return {"kip": kip, "k2": k2, "k3": k3, "bias": bias, "scale_error": scale + bias + k2 - k3}
+
+
+def _y(a: float, a_all: float) -> dict[str, Array]:
+    k = np.zeros((6, 3, COUNT))
+    yx, kip, k2, k3, bias, scale = k
+    yx[0, _C1] = -1.0 / a
+    kip[1, _S2] = k2[0, _C2] = -2.0 / a**2
+    k3[0, _S3] = 4.0 / a**3
+    bias[0, 0] = bias[2, 0] = 0.5
+    bias[0, _C2] = 1.0
+    scale[0, _S1] = scale[2, _S1] = -0.5 / a_all
+    scale[0, _S3] = -3.0 / a_all
+    return {"yx": yx, "kip": kip, "k2": k2, "k3": k3, "bias": bias, "scale_error": scale}
+
+
+def published(letter: str, centripetal: float, coriolis: float, gravity: float) -> Linear:
+    """Closed form of one accelerometer.
+
+    Parameters
+    ----------
+    letter : str
+        ``x``, ``y`` or ``z``.
+    centripetal, coriolis : float, m/s^2
+        w^2 r and 2 w r W_U.
+    gravity : float, m/s^2
+
+    Returns
+    -------
+    Linear
+    """
+    axis = Axis("accel", letter, TERMS, _PAIRS[letter])
+    a = centripetal / gravity
+    rows = {"x": _x, "y": lambda v: _y(v, v + coriolis / gravity), "z": _z}[letter](a)
+    # back from units of gravity: amplitudes are divided by it, K0 and the higher terms multiplied with its powers
+    powers = {"bias": 1.0, "k2": -1.0, "k3": -2.0, "kip": -1.0}
+    keys = (*TERMS, *_PAIRS[letter])
+    size = np.array([gravity ** powers.get(key, 0.0) for key in keys])
+    constant = np.array([-1.0 if key == "scale_error" else 0.0 for key in keys])
+    return Linear(axis, constant, np.stack([rows[key].ravel() for key in keys]) * (size / gravity)[:, None])
+
+
+def pick(rates: Array, settings: Array, counter_rotating: bool) -> list[list[int]]:
+    """Segments at gamma = 0, pi/2 and pi of the fastest speed that has all three.
+
+    Parameters
+    ----------
+    rates : ndarray, shape (n,), rad/s
+    settings : ndarray, shape (n, 3), rad
+        alpha, beta, gamma.
+    counter_rotating : bool
+
+    Returns
+    -------
+    list of three lists of int
+
+    Raises
+    ------
+    InputError
+        When the platform is fixed to the arm.
+    DataError
+        When there are no such segments.
+    """
+    if not counter_rotating:
+        raise InputError("the published closed form is for a counter-rotating platform; leave out --closed-form")
+    level = np.abs(np.angle(np.exp(1j * settings[:, :2]))).max(axis=1) < _NEAR
+    for rate in sorted(set(rates[rates != 0].tolist()), key=abs, reverse=True):
+        near = np.abs(np.angle(np.exp(1j * (settings[:, 2, None] - _GAMMAS)))) < _NEAR
+        found = [np.flatnonzero(level & (rates == rate) & near[:, k]).tolist() for k in range(3)]
+        if all(found):
+            return found
+    raise DataError(
+        "the published closed form needs segments with alpha = beta = 0 and gamma = 0, 90 and 180 deg at one arm rate; leave "
+        "out --closed-form for any other set"
+    )
+
+
+def calibrate(
+    task: Task, plan: Plan, recording: Recording | None, span: tuple[float, float], remarks: Sequence[str]
+) -> Calibration:
+    """The accelerometers by the published equations, with the noise that goes into them and what they leave out.
+
+    Parameters
+    ----------
+    task : Task
+    plan : Plan
+    recording : Recording, optional
+    span : tuple of float, s
+    remarks : sequence of str
+        Those made before.
+
+    Returns
+    -------
+    Calibration
+        The last line of its budget says what the truncated equations leave out; the standard uncertainties do not contain it.
+
+    Raises
+    ------
+    DataError
+        When there are no such segments or no accelerometers.
+    InputError
+        When a segment's arm phase is not known, or the platform is fixed to the arm.
+    """
+    from scipy.linalg import block_diag
+
+    if not (task.known.all() and np.allclose(np.exp(1j * (task.planned_angle - task.phase)), 1.0, atol=1e-9)):
+        raise InputError(
+            "the published closed form needs arm_phase of every segment in the plan; leave out --closed-form"
+        )
+    accels = [j for j, s in enumerate(task.sensors) if s.kind == "accel"]
+    if not accels:
+        raise DataError("the published closed form is for accelerometers; the recording has none")
+    chosen = pick(task.planned_rate, task.settings, task.arm.counter_rotating)
+    w = float(task.planned_rate[chosen[0][0]])
+    a, a1 = task.arm.radius * w**2, 2.0 * task.arm.radius * w * float(task.site.enu[2])
+    values, _ = task.plain()
+    names: list[str] = []
+    units: list[str] = []
+    found, left, blocks = np.zeros(0), np.zeros(0), []
+    for j in accels:
+        linear = published(task.sensors[j].axis, a, a1, task.site.gravity)
+        x = linear(np.stack([values[at, j].mean(axis=0) for at in chosen]))
+        blocks.append(linear.matrix @ _amplitude_covariance(task, j, chosen) @ linear.matrix.T)
+        names, units = [*names, *linear.axis.names], [*units, *linear.axis.units]
+        left = np.append(left, linear(_exact(task, linear, x, chosen)) - x)
+        found = np.append(found, x)
+    covariance = np.asarray(block_diag(*blocks))
+    sigma = np.sqrt(np.diag(covariance))
+    times = np.abs(left) / sigma
+    note = (
+        "the published equations are of first order: with these values they are off by as much as the last line of the budget "
+        f"says, {times.max():.2g} standard uncertainties in {names[int(np.argmax(times))]}, and the uncertainties do not show it"
+    )
+    budget = (
+        BudgetLine(source="noise", standard_uncertainty=tuple(sigma.tolist())),
+        BudgetLine(source="truncation, not counted", standard_uncertainty=tuple(np.abs(left).tolist())),
+    )
+    fit = Fit(chi2=0.0, degrees_of_freedom=0, residual_rms=0.0, converged=True, iterations=0, uncertainty="noise")
+    result = common.result(
+        "centrifuge closed form",
+        named(names, units, found, covariance),
+        covariance,
+        fit,
+        plan=plan,
+        gravity=task.site.gravity,
+        recording=recording,
+        span=span,
+        budget=budget,
+        remarks=[*remarks, note],
+    )
+    return result.model_copy(update={"misalignment": "input-axis"})
+
+
+def _amplitude_covariance(task: Task, j: int, chosen: Sequence[Sequence[int]]) -> Array:
+    """Covariance (21, 21) of the amplitudes of one sensor, means over segments with the same gamma."""
+    _, covariance = task.plain()
+    out = np.zeros((3 * COUNT, 3 * COUNT))
+    for k, at in enumerate(chosen):
+        own = slice(COUNT * k, COUNT * (k + 1))
+        out[own, own] = sum(covariance[i, :COUNT, :COUNT] * task.variance[i, j] for i in at) / len(at) ** 2
+    return out
+
+
+def _exact(task: Task, linear: Linear, x: Array, chosen: Sequence[Sequence[int]]) -> Array:
+    """Amplitudes (3, 7) that the exact model predicts."""
+    at = [segments[0] for segments in chosen]
+    felt = series(task.arm, task.site, task.planned_rate[at], task.settings[at])
+    return response(linear.axis, x, felt.force, felt.rate, order=3).value

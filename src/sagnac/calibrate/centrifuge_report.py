@@ -1,0 +1,214 @@
+"""The result of a fit on a centrifuge: record, uncertainty by source, and what deserves a word."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration import BudgetLine, Calibration, Scatter, named
+from ..estimate import eliminate
+from ..frames import Array
+from ..plan import Plan
+from ..recording import Recording
+from . import common
+from .centrifuge_model import with_setting_prior
+from .centrifuge_task import Fitted, Task
+
+_FAR = 4.0
+"""Standard deviations from which what was known beforehand and the data contradict each other."""
+_FOURTH = 5.0
+"""Standard deviations from which a fourth harmonic is more than noise."""
+_SOURCES = {
+    "rig.radius": "arm radius",
+    "rig.tilt.x": "tilt of the arm's axis",
+    "rig.tilt.y": "tilt of the arm's axis",
+    "rig.gravity": "gravity",
+    "rig.rate_error": "arm rate",
+    "rig.phase_error": "arm phase",
+}
+
+
+def report(
+    fitted: Fitted, plan: Plan, recording: Recording | None, span: tuple[float, float], remarks: Sequence[str]
+) -> Calibration:
+    """The result record.
+
+    Parameters
+    ----------
+    fitted : Fitted
+    plan : Plan
+    recording : Recording, optional
+    span : tuple of float, s
+    remarks : sequence of str
+        Those made before.
+
+    Returns
+    -------
+    Calibration
+    """
+    found = fitted.estimate
+    order = [i for i, p in enumerate(found.parameters) if not p.nuisance]
+    value = found.value.copy()
+    for i in order:
+        if found.names[i].startswith("rig.arm_phase"):
+            value[i] = float(np.angle(np.exp(1j * value[i])))
+    covariance = found.covariance[np.ix_(order, order)]
+    own = [found.parameters[i] for i in order]
+    whole, residuals = _leftover(fitted)
+    budget = _budget(fitted, order)
+    result = common.result(
+        "centrifuge",
+        named([p.name for p in own], [p.unit for p in own], value[order], covariance),
+        covariance,
+        common.fit_record([(found, order)], residuals),
+        plan=plan,
+        gravity=fitted.task.site.gravity,
+        recording=recording,
+        span=span,
+        budget=budget,
+        remarks=[
+            *remarks,
+            *common.misfit_remarks(found, fitted.task.noise_known),
+            *_pulled(fitted),
+            *_contradicted(fitted),
+            *_fourth(fitted.task, whole),
+        ],
+    )
+    return result.model_copy(update={"misalignment": "input-axis"})
+
+
+def _leftover(fitted: Fitted) -> tuple[dict[int, Array], dict[str, Scatter]]:
+    """Residuals of the segments used as a whole, by segment, in their unit (m, c), and the scatter of each sensor."""
+    model, x = fitted.model, fitted.estimate.value
+    whole: dict[int, Array] = {}
+    squares = np.zeros(len(model.sensors))
+    count = np.zeros(len(model.sensors), dtype=int)
+    for group in model.groups:
+        local = model.locals(group, x) if model.setting_sigma > 0 else np.zeros((len(group.index), 3))
+        left = group.coefficient - model.predicted(group, x, local).value
+        white = (group.weight @ left[..., None])[..., 0]
+        squares += np.sum(white**2, axis=(0, 2))
+        count += white.shape[0] * white.shape[2]
+        if group.order:
+            whole |= dict(zip(group.index.tolist(), left, strict=True))
+    scatter = {
+        f"{s.sensor.replace('.', '_')} harmonics (in units of their noise)": Scatter(
+            rms=float(np.sqrt(q / n)), unit="", count=int(n)
+        )
+        for s, q, n in zip(model.sensors, squares, count, strict=True)
+    }
+    return whole, scatter
+
+
+def _budget(fitted: Fitted, order: Sequence[int]) -> tuple[BudgetLine, ...]:
+    """Standard uncertainties of the parameters by what they come from."""
+    model, found = fitted.model, fitted.estimate
+    white = (
+        -found.gain * np.sqrt(found.weights)[found.segment]
+    )  # a segment that was turned down brings less of its noise
+    lines: dict[str, Array] = {}
+
+    def add(source: str, sigma: Array) -> None:
+        lines[source] = np.hypot(lines.get(source, 0.0), sigma)
+
+    for group in model.groups:
+        _, jac, d = model.whitened(group, found.value, np.zeros((len(group.index), 3)))
+        here = _rows_of(found.segment, group.index)
+        gain = white[:, here].reshape(len(white), len(group.index), -1)
+        width = jac.shape[1]
+        if model.setting_sigma > 0:
+            local = model.locals(group, found.value)
+            r, _, d = model.whitened(group, found.value, local)
+            r, d = with_setting_prior(r, d, local, model.setting_sigma)
+            _, complement = eliminate(r, np.broadcast_to(np.eye(width + 3), (len(r), width + 3, width + 3)), d)
+            gain = np.einsum("kne,nem->knm", gain, complement)
+            add("gimbal settings", np.sqrt(np.sum(gain[..., width:] ** 2, axis=(1, 2))))
+        add("noise", np.sqrt(np.sum(gain[..., :width] ** 2, axis=(1, 2))))
+    if model.prior is not None:
+        here = _rows_of(found.segment, np.array([len(model.settings)]))
+        add("prior calibration", np.sqrt(np.sum(white[:, here] ** 2, axis=1)))
+    inner = _white_covariance(fitted)
+    for i, p in enumerate(found.parameters):
+        if np.isfinite(p.prior_sigma):
+            add(_SOURCES.get(p.name, "held parameters"), np.abs(inner[:, i]) / p.prior_sigma)
+    extra = np.maximum(np.diag(found.covariance) - found.white**2, 0.0)
+    if found.used != "white" and np.any(extra > 0):
+        lines["scatter beyond noise and stated uncertainty"] = np.sqrt(extra)
+    return tuple(
+        BudgetLine(source=source, standard_uncertainty=tuple(float(v) for v in sigma[list(order)]))
+        for source, sigma in lines.items()
+    )
+
+
+def _rows_of(segment: NDArray[np.intp], index: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Rows of some segments, segment by segment."""
+    return np.concatenate([np.flatnonzero(segment == i) for i in index])
+
+
+def _white_covariance(fitted: Fitted) -> Array:
+    """Covariance from noise and priors alone."""
+    from ..estimate.problem import stacked
+
+    found = fitted.estimate
+    _, jac = stacked(found.parameters, fitted.model.rows(found.value), found.value)
+    scale = np.array([p.scale for p in found.parameters])
+    _, values, right = np.linalg.svd(jac * scale, full_matrices=False)
+    half = right.T / values * scale[:, None]
+    return np.asarray(half @ half.T)
+
+
+def _pulled(fitted: Fitted) -> list[str]:
+    """What the plan states with an uncertainty and the data put elsewhere."""
+    found, out = fitted.estimate, []
+    for p, value, sigma in zip(found.parameters, found.value, found.white, strict=True):
+        room = p.prior_sigma**2 - sigma**2
+        if not np.isfinite(p.prior_sigma) or room <= 1e-6 * p.prior_sigma**2:
+            continue
+        times = abs(value - p.prior) / np.sqrt(room)
+        if times > _FAR:
+            out.append(
+                f"{p.name}: the data say {value:.9g} +- {sigma:.2g} {p.unit}, the plan {p.prior:.9g} +- {p.prior_sigma:.2g}: "
+                f"{times:.1f} standard deviations apart"
+            )
+    return out
+
+
+def _contradicted(fitted: Fitted) -> list[str]:
+    """Parameters that the prior calibration and the data put apart."""
+    prior, found = fitted.task.prior, fitted.estimate
+    if prior is None:
+        return []
+    out = []
+    for i, name in enumerate(prior.names):
+        at = found.names.index(name)
+        before = np.sqrt(prior.covariance[i, i])
+        room = before**2 - found.white[at] ** 2
+        if room <= 1e-6 * before**2:
+            continue
+        times = abs(found.value[at] - prior.mean[i]) / np.sqrt(room)
+        if times > _FAR:
+            unit = found.parameters[at].unit
+            out.append(
+                f"{name}: the prior calibration says {prior.mean[i]:.6g} +- {before:.2g}, the data move it to "
+                f"{found.value[at]:.6g} +- {found.white[at]:.2g} {unit}: {times:.1f} standard deviations apart"
+            )
+    return out
+
+
+def _fourth(task: Task, whole: dict[int, Array]) -> list[str]:
+    """Fourth harmonics, of which the model has none."""
+    if task.order < 4 or not task.noise_known:
+        return []
+    out = []
+    for i, left in whole.items():
+        for j, sensor in enumerate(task.sensors):
+            variance = task.covariance[i, [7, 8], [7, 8]] * task.variance[i, j]
+            amplitude = float(np.hypot(*left[j, 7:9]))
+            if amplitude > _FOURTH * np.sqrt(variance.max()) * np.sqrt(2.0):
+                out.append(
+                    f"{sensor.sensor.replace('.', '_')} has a fourth harmonic of {amplitude:.3g} SI in segment "
+                    f"{task.names[i]!r}: a vibration of the arm, or terms beyond those of the model"
+                )
+    return out[:6]
