@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sagnac.calibrate import multi_position, norm
-from sagnac.calibrate.norm import Case, _model, Start
+from sagnac.calibrate.norm import Case, Start, _model
 from sagnac.demo import PUBLISHED_NORM, published_norm
 from sagnac.errors import DataError, InputError
 from sagnac.observe.means import SegmentMeans
