@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..calibrate import centrifuge_prepare, norm, table
-from ..calibrate.centrifuge_turning import as_planned
+from ..calibrate import norm, table
+from ..calibrate.centrifuge.prepare import prepare
+from ..calibrate.centrifuge.turning import as_planned
 from ..errors import DataError, InputError
 from ..estimate import Parameter, Rows
 from ..plan import Plan, Segment
@@ -185,7 +186,7 @@ def linearised(plan: Plan, method: str, sensors: tuple[str, ...]) -> tuple[list[
 
 def _on_centrifuge(plan: Plan, sensors: tuple[str, ...]) -> tuple[list[Parameter], Rows]:
     harmonics = ideal.centrifuge_harmonics(plan, sensors)
-    task, _ = centrifuge_prepare.prepare(harmonics, plan, None, None, None)
+    task, _ = prepare(harmonics, plan, None, None, None)
     turning = as_planned(task.look(), task.segments, plan)
     parameters = task.parameters(turning)
     return parameters, task.model(turning).rows(np.array([p.start for p in parameters]))

@@ -20,10 +20,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..frames import Array
-from ..observe.rolling import Window, local_polynomial, polynomial_taps, step_integrals
-from ..plan import Segment
-from ..rigs.roll_isolated import (
+from ...frames import Array
+from ...observe.rolling import Window, local_polynomial, polynomial_taps, step_integrals
+from ...plan import Segment
+from ...rigs.roll_isolated import (
     DELAY,
     ECCENTRICITY,
     HALF_ANGLE,
@@ -39,7 +39,7 @@ from ..rigs.roll_isolated import (
     unit_rate_derivatives,
     unit_rates,
 )
-from .roll_rows import Noise, Piece, drift_name, earth_names, spin_name
+from .rows import Noise, Piece, drift_name, earth_names, spin_name
 
 # parameters that the rows of the encoder depend on, in the order of their columns
 _ENCODER = (
@@ -92,7 +92,7 @@ def spin_rows(
     steady : float, rad/s, or None
         Mean gyro x where the cylinder does not swing enough to tell motion from noise.
     """
-    from ..kernels.local_level import innovations
+    from ...kernels.local_level import innovations
 
     if w.fresh:
         run.variance = -1.0
@@ -187,7 +187,7 @@ class _Motion:
 
 def _motion(w: Window, v: _SpinValues, interval: float) -> _Motion:
     """Smoothed gyro x less what it sees of the cone through the mounting angles."""
-    assert w.encoder is not None  # roll_start.look has seen to it
+    assert w.encoder is not None  # start.look has seen to it
     rig, taps = v.rig, polynomial_taps(w.half, interval)
     turn, d_turn = mount(rig.mount_yaw, rig.mount_pitch)[0], mount_derivatives(rig.mount_yaw, rig.mount_pitch)[:, 0]
     e = true_angle(w.encoder, rig.eccentricity) + rig.phase - v.spin * math.cos(rig.half_angle) * rig.delay
@@ -222,7 +222,7 @@ class _Angles:
 
 
 def _angles(w: Window, run: Run, v: _SpinValues, motion: _Motion) -> _Angles:
-    assert w.encoder is not None  # roll_start.look has seen to it
+    assert w.encoder is not None  # start.look has seen to it
     rig, time = v.rig, w.time[w.centre] - run.origin
     d, ca, sa = rig.delay, math.cos(rig.half_angle), math.sin(rig.half_angle)
     u = true_angle(w.encoder[w.centre], rig.eccentricity)

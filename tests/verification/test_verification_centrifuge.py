@@ -13,7 +13,7 @@ from sagnac.plan import Plan, Rig, Segment
 from sagnac.recording import from_arrays
 from sagnac.simulate.centrifuge import SimulatedCentrifuge, simulate, simulate_harmonics
 from sagnac.verification import verify
-from sagnac.verification_centrifuge import verify_harmonics
+from sagnac.verification.centrifuge import verify_harmonics
 
 G = 9.80665
 TRUTH = {f"accel.{t}.{a}": v for a in "xyz" for t, v in (("bias", 0.05), ("scale_error", 1e-3), ("k2", 1e-6))}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sagnac.calibrate import multi_position, norm
-from sagnac.calibrate.centrifuge_prior import prior_of, whitening
+from sagnac.calibrate.centrifuge.prior import prior_of, whitening
 from sagnac.calibration import named
 from sagnac.errors import InputError
 from sagnac.plan import Limits, Plan, Unit

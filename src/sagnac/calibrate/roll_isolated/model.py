@@ -1,6 +1,6 @@
 """Whitened residuals of both stages of a roll-isolated rig, from a pass over the recording each time.
 
-The rows of each sixteenth of a segment (:mod:`.roll_rows`, :mod:`.roll_spin`) are reduced by QR to as many as there are
+The rows of each sixteenth of a segment (:mod:`.rows`, :mod:`.spin`) are reduced by QR to as many as there are
 parameters in them, which leaves estimate and covariance as they are; what is left over judges the noise. Memory does not grow
 with the recording.
 """
@@ -13,14 +13,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimate import Rows
-from ..frames import Array
-from ..observe.rolling import windows
-from ..observe.sums import BLOCKS
-from ..plan import Segment
-from ..recording import Recording
-from .roll_rows import Channel, Noise, Piece, inner_rows
-from .roll_spin import Run, spin_rows
+from ...estimate import Rows
+from ...frames import Array
+from ...observe.rolling import windows
+from ...observe.sums import BLOCKS
+from ...plan import Segment
+from ...recording import Recording
+from .rows import Channel, Noise, Piece, inner_rows
+from .spin import Run, spin_rows
 
 _SEEN = 1e-9
 """Singular value, relative to the largest, from which a direction counts as seen in a block."""

@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from .calibrate.centrifuge import solve_mounted
-from .calibrate.centrifuge_explain import refuse_other_reading
-from .calibrate.centrifuge_model import Group
-from .calibrate.centrifuge_prepare import harmonics_of, prepare
-from .calibrate.centrifuge_prior import Prior, prior_of
-from .calibrate.centrifuge_task import Fitted
-from .calibration import Calibration
-from .errors import DataError, InputError
-from .frames import Array
-from .observe.harmonics import SegmentHarmonics
-from .plan import Plan
-from .recording import Recording
-from .sensors import INPUT
-from .verification import PASS, Check, Verification
+from ..calibrate.centrifuge import solve_mounted
+from ..calibrate.centrifuge.explain import refuse_other_reading
+from ..calibrate.centrifuge.model import Group
+from ..calibrate.centrifuge.prepare import harmonics_of, prepare
+from ..calibrate.centrifuge.prior import Prior, prior_of
+from ..calibrate.centrifuge.task import Fitted
+from ..calibration import Calibration
+from ..errors import DataError, InputError
+from ..frames import Array
+from ..observe.harmonics import SegmentHarmonics
+from ..plan import Plan
+from ..recording import Recording
+from ..sensors import INPUT
+from . import PASS, Check, Verification
 
 _ORDERS = {"accel": 3, "gyro": 2}
 """Highest harmonic that a sensor shows."""

@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DataError, InputError
-from ..frames import Array
-from ..observe.harmonics import SegmentHarmonics, segment_harmonics
-from ..plan import Plan
-from ..recording import Recording
-from ..rigs.centrifuge import Arm
-from ..sensors.series import basis
-from . import common
-from .centrifuge_prior import Prior
-from .centrifuge_task import Task, sensor_axes, without_tau
+from ...errors import DataError, InputError
+from ...frames import Array
+from ...observe.harmonics import SegmentHarmonics, segment_harmonics
+from ...plan import Plan
+from ...recording import Recording
+from ...rigs.centrifuge import Arm
+from ...sensors.series import basis
+from .. import common
+from .prior import Prior
+from .task import Task, sensor_axes, without_tau
 
 Flags = NDArray[np.bool_]
 
@@ -99,7 +99,7 @@ def prepare(
     plan : Plan
     prior : Prior, optional
     terms : sequence of str, optional
-        See :func:`.centrifuge_task.sensor_axes`.
+        See :func:`.task.sensor_axes`.
     sensors : collection of str, optional
         Which sensors or columns.
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from sagnac.calibrate.centrifuge_closed_form import COUNT, pick, published
+from sagnac.calibrate.centrifuge.closed_form import COUNT, pick, published
 from sagnac.errors import DataError, InputError
 from sagnac.rigs.centrifuge import Arm, series
 from sagnac.rigs.turntable import Site

@@ -27,7 +27,7 @@ from centrifuge_case import (
 
 from sagnac.calibrate import calibrate
 from sagnac.calibrate.centrifuge import calibrate_harmonics
-from sagnac.calibrate.centrifuge_prepare import harmonics_of
+from sagnac.calibrate.centrifuge.prepare import harmonics_of
 from sagnac.calibration import loads
 from sagnac.errors import DataError, InputError
 from sagnac.observe.harmonics import segment_harmonics

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration import BudgetLine, Calibration, Scatter, named
-from ..estimate import eliminate
-from ..frames import Array
-from ..plan import Plan
-from ..recording import Recording
-from . import common
-from .centrifuge_model import with_setting_prior
-from .centrifuge_task import Fitted, Task
+from ...calibration import BudgetLine, Calibration, Scatter, named
+from ...estimate import eliminate
+from ...frames import Array
+from ...plan import Plan
+from ...recording import Recording
+from .. import common
+from .model import with_setting_prior
+from .task import Fitted, Task
 
 _FAR = 4.0
 """Standard deviations from which what was known beforehand and the data contradict each other."""
@@ -149,7 +149,7 @@ def _rows_of(segment: NDArray[np.intp], index: NDArray[np.intp]) -> NDArray[np.i
 
 def _white_covariance(fitted: Fitted) -> Array:
     """Covariance from noise and priors alone."""
-    from ..estimate.problem import stacked
+    from ...estimate.problem import stacked
 
     found = fitted.estimate
     _, jac = stacked(found.parameters, fitted.model.rows(found.value), found.value)

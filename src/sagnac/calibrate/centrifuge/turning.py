@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DataError
-from ..estimate import Parameter
-from ..frames import Array
-from ..plan import Plan, Segment
-from .centrifuge_model import Turning
+from ...errors import DataError
+from ...estimate import Parameter
+from ...frames import Array
+from ...plan import Plan, Segment
+from .model import Turning
 
 _PHASE_SCALE, _RATE_SCALE = 0.01, 0.01
 _LOST = 0.5  # rad: beyond this standard deviation the turns between two segments cannot be counted

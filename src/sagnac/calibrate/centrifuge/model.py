@@ -22,13 +22,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimate import Parameter, Rows, eliminate
-from ..frames import Array
-from ..rigs.centrifuge import Arm, Series, series
-from ..rigs.turntable import Site
-from ..sensors import Axis
-from ..sensors.series import response
-from . import mount
+from ...estimate import Parameter, Rows, eliminate
+from ...frames import Array
+from ...rigs.centrifuge import Arm, Series, series
+from ...rigs.turntable import Site
+from ...sensors import Axis
+from ...sensors.series import response
+from .. import mount
 
 RIG = {"rig.radius": 0, "rig.tilt.x": 1, "rig.tilt.y": 2, "rig.gravity": 3}
 """Unknowns of the rig and their places in :data:`sagnac.rigs.centrifuge.EFFECTS`."""

@@ -1,6 +1,6 @@
 """Centrifuge: the coefficients that 1 g cannot excite, from the harmonics of the readings in the arm's angle [XU18].
 
-All sensors and segments are fitted at once, with the exact model of :mod:`.centrifuge_model`, to the Fourier coefficients of each
+All sensors and segments are fitted at once, with the exact model of :mod:`.model`, to the Fourier coefficients of each
 segment, which hold all that the samples say. Accelerometers: bias, scale error, K2, K3, Kip and misalignments; gyros: the drift
 model with ten coefficients, and on a unit fixed to the arm scale error and misalignments as well. The arm's phase and rate, its
 radius and tilt, gravity and every gimbal setting are unknowns as far as the plan says that they are uncertain.
@@ -13,21 +13,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..calibration import Calibration
-from ..errors import DataError
-from ..estimate import CONSISTENT, combination
-from ..frames import Array
-from ..observe.harmonics import SegmentHarmonics
-from ..plan import Plan
-from ..recording import Recording
-from . import centrifuge_closed_form as baseline
-from . import centrifuge_explain as explain
-from .centrifuge_model import Turning
-from .centrifuge_prepare import harmonics_of, prepare
-from .centrifuge_prior import prior_of
-from .centrifuge_report import report
-from .centrifuge_task import Fitted, Task, fit
-from .centrifuge_turning import as_planned, hypotheses
+from ...calibration import Calibration
+from ...errors import DataError
+from ...estimate import CONSISTENT, combination
+from ...frames import Array
+from ...observe.harmonics import SegmentHarmonics
+from ...plan import Plan
+from ...recording import Recording
+from . import closed_form as baseline
+from . import explain
+from .model import Turning
+from .prepare import harmonics_of, prepare
+from .prior import prior_of
+from .report import report
+from .task import Fitted, Task, fit
+from .turning import as_planned, hypotheses
 
 _LIKELY = 1e-3
 """Chi-square probability from which a way the arm may have turned is taken as the right one."""
@@ -94,7 +94,7 @@ def calibrate_harmonics(
     prior : Calibration, optional
         Of the same unit at 1 g: known beforehand as far as its covariance says.
     terms : sequence of str, optional
-        Which terms to estimate, see :func:`.centrifuge_task.sensor_axes`.
+        Which terms to estimate, see :func:`.task.sensor_axes`.
     sensors : collection of str, optional
         ``accel``, ``gyro_x``, ...: only these; otherwise all that were recorded.
 

@@ -1,6 +1,6 @@
 """Roll-isolated rig: mounting angles, cone, gyro biases and scales, encoder delay and eccentricity in one fit of both stages.
 
-Model and rows: :mod:`.roll_model`; first look, refusals and the published closed form: :mod:`.roll_start`.
+Model and rows: :mod:`.model`; first look, refusals and the published closed form: :mod:`.start`.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..calibration import Calibration, Scatter, named
-from ..earth import STANDARD_GRAVITY
-from ..errors import DataError
-from ..estimate import Estimate, Parameter, estimate, settle
-from ..estimate.problem import stacked
-from ..frames import Array
-from ..observe.rolling import SMOOTHING
-from ..observe.sums import BLOCKS
-from ..plan import Plan, Segment
-from ..recording import Recording
-from ..rigs.roll_isolated import DELAY, ECCENTRICITY, HALF_ANGLE, MOUNT_PITCH, MOUNT_YAW, PHASE
-from . import common
-from .roll_model import RollModel
-from .roll_rows import COAXIAL, EARTH_ALONG, RATE_ERROR, Noise, drift_name, earth_names, spin_name
-from .roll_start import Look, closed_form, look
+from ...calibration import Calibration, Scatter, named
+from ...earth import STANDARD_GRAVITY
+from ...errors import DataError
+from ...estimate import Estimate, Parameter, estimate, settle
+from ...estimate.problem import stacked
+from ...frames import Array
+from ...observe.rolling import SMOOTHING
+from ...observe.sums import BLOCKS
+from ...plan import Plan, Segment
+from ...recording import Recording
+from ...rigs.roll_isolated import DELAY, ECCENTRICITY, HALF_ANGLE, MOUNT_PITCH, MOUNT_YAW, PHASE
+from .. import common
+from .model import RollModel
+from .rows import COAXIAL, EARTH_ALONG, RATE_ERROR, Noise, drift_name, earth_names, spin_name
+from .start import Look, closed_form, look
 
 GYRO_SCALE = 0.01
 """One sigma of the scale errors of gyros y and z where the plan does not state it."""

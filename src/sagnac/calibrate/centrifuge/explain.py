@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import DataError
-from ..frames import Array
-from ..rigs.centrifuge import series
-from ..rigs.turntable import Site
-from .centrifuge_task import Fitted, Task, fit
-from .centrifuge_turning import as_planned, freed
+from ...errors import DataError
+from ...frames import Array
+from ...rigs.centrifuge import series
+from ...rigs.turntable import Site
+from .task import Fitted, Task, fit
+from .turning import as_planned, freed
 
 _POOR = 0.05  # misfit relative to the input that no sensor's errors make
 _GOOD = 0.03

@@ -9,8 +9,8 @@ import pytest
 
 from sagnac.calibrate import calibrate
 from sagnac.calibrate.roll_isolated import _parameters, first_noise, steady_segments
-from sagnac.calibrate.roll_model import RollModel
-from sagnac.calibrate.roll_start import closed_form, look
+from sagnac.calibrate.roll_isolated.model import RollModel
+from sagnac.calibrate.roll_isolated.start import closed_form, look
 from sagnac.errors import DataError, InputError
 from sagnac.plan import Limits, Noise
 from sagnac.recording import from_arrays
@@ -285,7 +285,7 @@ def model_of(plan, truth, **options):
 
 @pytest.mark.parametrize("truth", [TRUTH, TRUTH | {HALF_ANGLE: 3 * DEG, MOUNT_YAW: 5 * DEG, MOUNT_PITCH: -4 * DEG}])
 def test_derivatives_of_all_rows_to_all_parameters(truth):
-    """Central differences of 1e-4 of what matters; of the eccentricity a product of three angles is left out (see roll_spin)."""
+    """Central differences of 1e-4 of what matters; of the eccentricity a product of three angles is left out."""
     plan = changed(published_plan(hold=1.0, move=0.5), {"axis_uncertainty": 1e-3})
     model, parameters, x = model_of(plan, truth, frequency=200.0)
 

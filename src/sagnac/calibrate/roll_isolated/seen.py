@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..frames import Array
-from ..observe.rolling import windows, wrapped
-from ..observe.saturation import refuse_saturated_motion
-from ..plan import Segment
-from ..recording import Batch, Recording
+from ...errors import InputError
+from ...frames import Array
+from ...observe.rolling import windows, wrapped
+from ...observe.saturation import refuse_saturated_motion
+from ...plan import Segment
+from ...recording import Batch, Recording
 
 _EXCITED = 25.0
 """Variance of the swing rate over that of its noise from which the swing says something about the encoder's delay."""

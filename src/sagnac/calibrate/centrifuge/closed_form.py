@@ -27,16 +27,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..calibration import BudgetLine, Calibration, Fit, named
-from ..errors import DataError, InputError
-from ..frames import Array
-from ..plan import Plan
-from ..recording import Recording
-from ..rigs.centrifuge import series
-from ..sensors import Axis
-from ..sensors.series import response
-from . import common
-from .centrifuge_task import Task
+from ...calibration import BudgetLine, Calibration, Fit, named
+from ...errors import DataError, InputError
+from ...frames import Array
+from ...plan import Plan
+from ...recording import Recording
+from ...rigs.centrifuge import series
+from ...sensors import Axis
+from ...sensors.series import response
+from .. import common
+from .task import Task
 
 TERMS = ("bias", "scale_error", "k2", "k3", "kip")
 _PAIRS = {"x": (), "y": ("yx",), "z": ("zx", "zy")}

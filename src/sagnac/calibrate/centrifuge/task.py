@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..estimate import Estimate, Parameter, estimate
-from ..frames import Array
-from ..plan import Plan, Segment
-from ..rigs.centrifuge import Arm, series
-from ..rigs.turntable import Site
-from ..sensors import Axis
-from .centrifuge_model import MOUNT, CentrifugeModel, Group, PriorBlock, Turning
-from .centrifuge_prior import Prior, whitening
-from .centrifuge_turning import Seen
+from ...errors import InputError
+from ...estimate import Estimate, Parameter, estimate
+from ...frames import Array
+from ...plan import Plan, Segment
+from ...rigs.centrifuge import Arm, series
+from ...rigs.turntable import Site
+from ...sensors import Axis
+from .model import MOUNT, CentrifugeModel, Group, PriorBlock, Turning
+from .prior import Prior, whitening
+from .turning import Seen
 
 ACCEL_TERMS = ("bias", "scale_error", "k2", "k3", "kip")
 GYRO_TERMS = ("bias", "d_i", "d_o", "d_s", "d_ii", "d_oo", "d_ss", "d_io", "d_is", "d_os")

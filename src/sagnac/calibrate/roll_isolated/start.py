@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import DataError, InputError
-from ..observe.rolling import half_width, interval_of, need_rates
-from ..plan import Plan
-from ..recording import GAP, Recording
-from ..rigs.roll_isolated import HALF_ANGLE, MOUNT_PITCH, MOUNT_YAW, PHASE
-from .roll_seen import Seen, add_all
+from ...errors import DataError, InputError
+from ...observe.rolling import half_width, interval_of, need_rates
+from ...plan import Plan
+from ...recording import GAP, Recording
+from ...rigs.roll_isolated import HALF_ANGLE, MOUNT_PITCH, MOUNT_YAW, PHASE
+from .seen import Seen, add_all
 
 TURNS = 3.0
 """Fewest turns of a spinning segment."""

@@ -16,18 +16,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .calibrate import common, four_position, hand_turned
-from .calibrate.hand_gyros import rotation_misfit
-from .calibration import Calibration, printed
-from .compensation import corrections
-from .errors import DataError
-from .frames import Array, tangents, unit
-from .observe.means import SegmentMeans, segment_means
-from .observe.static import THRESHOLD, static_intervals
-from .plan import Plan
-from .recording import Recording
-from .rigs.turntable import Site, averaging, mean_inputs
-from .sensors import Correction, correction, invert, triad_of
+from ..calibrate import common, four_position, hand_turned
+from ..calibrate.hand_gyros import rotation_misfit
+from ..calibration import Calibration, printed
+from ..compensation import corrections
+from ..errors import DataError
+from ..frames import Array, tangents, unit
+from ..observe.means import SegmentMeans, segment_means
+from ..observe.static import THRESHOLD, static_intervals
+from ..plan import Plan
+from ..recording import Recording
+from ..rigs.turntable import Site, averaging, mean_inputs
+from ..sensors import Correction, correction, invert, triad_of
 
 PASS = 0.01
 """Probability below which the misfits are more than the stated uncertainty allows."""
@@ -130,13 +130,13 @@ def verify(
         When units do not match.
     """
     if calibration.method == "roll-isolated":
-        from . import verification_roll
+        from . import roll_isolated
 
-        return verification_roll.verify(calibration, recording, plan)
+        return roll_isolated.verify(calibration, recording, plan)
     if plan is not None and plan.rig.kind == "centrifuge":
-        from . import verification_centrifuge
+        from . import centrifuge
 
-        return verification_centrifuge.verify(calibration, recording, plan)
+        return centrifuge.verify(calibration, recording, plan)
     models = corrections(calibration, recording)
     site = plan or Plan(latitude=calibration.site.latitude, gravity=calibration.site.gravity)
     if site.segment:

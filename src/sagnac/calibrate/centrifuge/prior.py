@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..calibration import Calibration
-from ..errors import InputError
-from ..frames import Array
-from ..plan import Plan
-from ..sensors import INPUT, TERMS, Triad, triad_of
+from ...calibration import Calibration
+from ...errors import InputError
+from ...frames import Array
+from ...plan import Plan
+from ...sensors import INPUT, TERMS, Triad, triad_of
 
 _STEP = 1e-6  # of central differences in angles and scales: error 1e-12
 _SENSED = {"bias", "scale_error", "misalignment", *TERMS["accel"], *TERMS["gyro"]}

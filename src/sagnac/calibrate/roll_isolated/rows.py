@@ -4,7 +4,7 @@ With f the roll rate of the inner cylinder, a sample of the gyros is ::
 
     y = (1 + s) o (C_1^2 [f, w sin a cos(e + e0), w sin a sin(e + e0)] + Earth rate) + b + n
 
-In the inner stage the carrier stands, w = 0, and f is the table's rate. The spin stage is in :mod:`.roll_spin`.
+In the inner stage the carrier stands, w = 0, and f is the table's rate. The spin stage is in :mod:`.spin`.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..frames import Array
-from ..observe.rolling import Window
-from ..plan import Segment
-from ..rigs.roll_isolated import MOUNT_PITCH, MOUNT_YAW, mount, mount_derivatives
+from ...frames import Array
+from ...observe.rolling import Window
+from ...plan import Segment
+from ...rigs.roll_isolated import MOUNT_PITCH, MOUNT_YAW, mount, mount_derivatives
 
 
 def spin_name(segment: Segment) -> str:

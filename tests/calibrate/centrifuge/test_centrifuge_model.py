@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from sagnac.calibrate.centrifuge_model import MOUNT, RIG, CentrifugeModel, Group, PriorBlock, Turning
+from sagnac.calibrate.centrifuge.model import MOUNT, RIG, CentrifugeModel, Group, PriorBlock, Turning
 from sagnac.estimate import Parameter
 from sagnac.rigs.centrifuge import Arm
 from sagnac.rigs.turntable import Site

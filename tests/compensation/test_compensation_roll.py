@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from sagnac.calibrate import calibrate
 from sagnac.calibration import Calibration, Fit, Site, Software, covariance_rows, named
 from sagnac.compensation import apply
-from sagnac.compensation_roll import COLUMNS, stream
+from sagnac.compensation.roll_isolated import COLUMNS, stream
 from sagnac.errors import DataError, InputError
 from sagnac.frames import rot_x
 from sagnac.recording import from_arrays, open_recording

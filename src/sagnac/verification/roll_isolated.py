@@ -16,19 +16,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .calibrate.roll_isolated import first_noise, nuisances, seen_noise, steady_segments
-from .calibrate.roll_model import RollModel
-from .calibrate.roll_rows import Channel, Piece
-from .calibrate.roll_start import Look, look
-from .calibration import Calibration, printed
-from .errors import DataError, InputError
-from .estimate import Parameter, settle
-from .frames import Array
-from .observe.spectrum import SpectrumSums, find_lines, folded
-from .plan import Plan
-from .recording import Recording
-from .rigs.roll_isolated import DELAY, ECCENTRICITY, HALF_ANGLE, PHASE
-from .verification import PASS, Check, Verification
+from ..calibrate.roll_isolated import first_noise, nuisances, seen_noise, steady_segments
+from ..calibrate.roll_isolated.model import RollModel
+from ..calibrate.roll_isolated.rows import Channel, Piece
+from ..calibrate.roll_isolated.start import Look, look
+from ..calibration import Calibration, printed
+from ..errors import DataError, InputError
+from ..estimate import Parameter, settle
+from ..frames import Array
+from ..observe.spectrum import SpectrumSums, find_lines, folded
+from ..plan import Plan
+from ..recording import Recording
+from ..rigs.roll_isolated import DELAY, ECCENTRICITY, HALF_ANGLE, PHASE
+from . import PASS, Check, Verification
 
 CAUSES = {
     "mean": "bias, or mounting angles where the cylinder turns",

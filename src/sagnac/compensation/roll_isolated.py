@@ -21,13 +21,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .calibration import Calibration
-from .errors import DataError, InputError
-from .frames import Array, transform
-from .observe.rolling import half_width, need_rates, polynomial_taps, wrapped
-from .recording import GAP, Batch, Recording, sample_interval
-from .rigs.roll_isolated import RollRig, mount, true_angle, without_cone
-from .sensors import Correction, correction, invert
+from ..calibration import Calibration
+from ..errors import DataError, InputError
+from ..frames import Array, transform
+from ..observe.rolling import half_width, need_rates, polynomial_taps, wrapped
+from ..recording import GAP, Batch, Recording, sample_interval
+from ..rigs.roll_isolated import RollRig, mount, true_angle, without_cone
+from ..sensors import Correction, correction, invert
 
 SPIN_WINDOW = 0.05
 """Half-width of the local quadratics of the carrier's roll, s."""
@@ -216,7 +216,7 @@ def _smoothed(values: Array, half: int, interval: float) -> Array:
 
 def _integrated(time: Array, rates: Array, here: slice, state: _State) -> Array:
     """Attitude at each sample of a piece, (n, 4)."""
-    from .kernels.attitude import compose
+    from ..kernels.attitude import compose
 
     steps = np.diff(time)[:, None]
     turns = np.zeros_like(rates)

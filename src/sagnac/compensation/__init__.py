@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from .calibration import Calibration
-from .errors import DataError, InputError
-from .files import write_atomically
-from .recording import SENSORS, Batch, Recording, header_parts
-from .sensors import Correction, Triad, correction, invert
+from ..calibration import Calibration
+from ..errors import DataError, InputError
+from ..files import write_atomically
+from ..recording import SENSORS, Batch, Recording, header_parts
+from ..sensors import Correction, Triad, correction, invert
 
 _UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
 _RIG_UNITS = {"temperature": "K"}
@@ -85,9 +85,9 @@ def compensate(batch: Batch, models: dict[str, Correction]) -> dict[str, np.ndar
 def stream(calibration: Calibration, recording: Recording) -> Iterator[tuple[Batch, dict[str, np.ndarray]]]:
     """Compensated samples piece by piece, with the batch that each came from; other values go by their column's header."""
     if calibration.method == "roll-isolated":
-        from . import compensation_roll
+        from . import roll_isolated
 
-        yield from compensation_roll.stream(calibration, recording)
+        yield from roll_isolated.stream(calibration, recording)
         return
     models = corrections(calibration, recording)
     for batch in recording.batches(with_other=True):
