@@ -31,3 +31,6 @@ napoleon_use_ivar = True  # one description of a field, not two
 html_theme = "furo"
 html_title = f"Sagnac {release}"
 html_copy_source = False
+
+# The word for a type in a docstring may name several classes (Site, Noise): which one is meant stands in the signature.
+suppress_warnings = ["ref.python"]
