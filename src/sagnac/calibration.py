@@ -36,6 +36,8 @@ _PRINTED = {
     "rad*s^3/m^2": ("deg/h/g^2",),
     "s": ("ms", "us"),
 }
+_LARGE, _LARGEST = ("rad", "rad/s"), 5e4
+"""Angles and rates of more than this many fine units are printed in the coarse one, with more digits."""
 
 
 class _Record(BaseModel):
@@ -276,6 +278,8 @@ def printed(value: float, sigma: float, si_unit: str) -> tuple[str, str, str]:
             unit_text = choice
             break
     size = units.convert(1.0, si_unit, unit_text) if convertible else 1.0
+    if si_unit in _LARGE and abs(value) * size >= _LARGEST:
+        unit_text, size = choices[0], units.convert(1.0, si_unit, choices[0])
     v, s = value * size, sigma * size
     if s > 0 and math.isfinite(s):
         digits = max(0, 1 - math.floor(math.log10(s)))

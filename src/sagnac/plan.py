@@ -366,6 +366,11 @@ class Plan(_Record):
 
 def _renamed(segment: dict[str, Any], names: list[str], *, back: bool = False) -> dict[str, Any]:
     """A segment's table with the axes' own names as outer, middle, inner, or the other way round."""
+    foreign = [k for k in segment if k.removesuffix("_rate") in AXES and k.removesuffix("_rate") not in names]
+    if foreign and not back:
+        raise ValueError(
+            f"segment {segment.get('name')!r}: {', '.join(foreign)}: the axes are {', '.join(names)} (rig.axes)"
+        )
     pairs = [(own + end, standard + end) for own, standard in zip(names, AXES, strict=False) for end in ("", "_rate")]
     to = {standard: own for own, standard in pairs} if back else dict(pairs)
     absent = list(AXES)[len(names) :]

@@ -40,6 +40,7 @@ def unit_of(name: str) -> str:
     kind, term, _ = name.split(".")
     reading = {"accel": "m/s^2", "gyro": "rad/s"}[kind]
     units = {"bias": reading, "misalignment": "rad", "g_sensitivity": "rad*s/m", "scale_factor": f"count/({reading})"}
+    units["k2"] = "s^2/m"
     return units.get(term, "1")
 
 
@@ -70,7 +71,13 @@ ACCEL = {
     "accel.misalignment.yx": 1e-3, "accel.misalignment.zx": -2e-3, "accel.misalignment.zy": 3e-3,
     "accel.bias.x": 0.1, "accel.bias.y": -0.2, "accel.bias.z": 0.3, "accel.k2.x": 1e-4,
 }  # fmt: skip
-GYRO = {"gyro.bias.x": 0.01, "gyro.misalignment.xy": 1e-3, "gyro.g_sensitivity.xz": 1e-4}
+GYRO = {
+    "gyro.bias.x": 0.01,
+    "gyro.bias.y": 0.0,
+    "gyro.bias.z": 0.0,
+    "gyro.misalignment.xy": 1e-3,
+    "gyro.g_sensitivity.xz": 1e-4,
+}
 BOTH = calibration(ACCEL | GYRO)
 
 
@@ -228,3 +235,26 @@ def test_g_sensitive_gyros_need_accelerometers():
     cal, recording = calibration(GYRO), from_arrays(TIME, gyro=RATE)
     with pytest.raises(DataError, match="needs the accelerometers of the same recording"):
         compensate(recording.read(), corrections(cal, recording))
+
+
+def test_a_part_of_a_triad_is_not_compensated():
+    # a centrifuge run of one gyro says nothing about the two others
+    cal = calibration(ACCEL | {"gyro.bias.x": 0.01, "gyro.d_i.x": 1e-6})
+    with pytest.raises(DataError, match="covers gyro x only"):
+        corrections(cal, from_arrays(TIME, FORCE, RATE))
+
+
+def test_gyros_that_answer_to_forces_nobody_calibrated():
+    cal = calibration({f"gyro.bias.{a}": 0.01 for a in "xyz"} | {f"gyro.d_i.{a}": 1e-6 for a in "xyz"})
+    with pytest.raises(DataError, match=r"gyro\.d_i\.x in '1'; it must be in 'rad\*s/m'"):
+        corrections(cal, from_arrays(TIME, FORCE, RATE))
+    right = cal.model_copy(
+        update={
+            "parameters": tuple(
+                p.model_copy(update={"unit": "rad*s/m"}) if ".d_i." in p.name else p for p in cal.parameters
+            )
+        }
+    )
+    recording = from_arrays(TIME, FORCE, RATE)
+    with pytest.raises(DataError, match="calibrate accelerometers and gyros together"):
+        compensate(recording.read(), corrections(right, recording))

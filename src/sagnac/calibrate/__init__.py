@@ -77,8 +77,7 @@ def calibrate(
         raise InputError(f"there is no method {method!r}; choose from {', '.join(METHODS)}")
     if matrix not in ("full", "triangular"):
         raise InputError(f"matrix is 'full' or 'triangular', not {matrix!r}")
-    if method != "centrifuge" and (closed_form or prior is not None or terms or sensors):
-        raise InputError(f"closed_form, prior, terms and sensors are for centrifuge; {method} takes none of them")
+    _refuse_options(method, plan, closed_form, prior, bool(terms or sensors))
     if method == "norm" and (plan is None or not plan.segment):
         from ..observe.static import THRESHOLD
         from .hand_turned import calibrate as calibrate_hand_turned
@@ -87,7 +86,11 @@ def calibrate(
     if plan is None:
         raise InputError(f"{method} needs a plan (--plan) that says which segment was in which position")
     if plan.rig.kind != RIGS[method]:
-        raise InputError(f"{method} is for a {RIGS[method]}; the plan says rig.kind = {plan.rig.kind!r}")
+        raise InputError(f"{method} is for a {RIGS[method]} rig; the plan says rig.kind = {plan.rig.kind!r}")
+    if prior is not None and prior.unit.serial and plan.unit.serial not in ("", prior.unit.serial):
+        raise InputError(
+            f"the prior calibration is of unit {prior.unit.serial!r}, the plan is for {plan.unit.serial!r}"
+        )
     if method == "centrifuge":
         from . import centrifuge
 
@@ -99,6 +102,19 @@ def calibrate(
 
         return roll_isolated.calibrate_recording(recording, plan, robust=robust)
     return _on_table(method, recording, plan, matrix, robust)
+
+
+def _refuse_options(method: str, plan: Plan | None, closed_form: bool, prior: Calibration | None, chosen: bool) -> None:
+    """Refuse options that mean nothing for the method or together."""
+    if method != "centrifuge" and (closed_form or prior is not None or chosen):
+        raise InputError(f"closed_form, prior, terms and sensors are for centrifuge; {method} takes none of them")
+    if prior is None:
+        return
+    if closed_form:
+        raise InputError("the closed form takes no prior calibration; leave one of the two out")
+    serial = plan.unit.serial if plan is not None else ""
+    if prior.unit.serial and serial not in ("", prior.unit.serial):
+        raise InputError(f"the prior calibration is of unit {prior.unit.serial!r}, the plan is for {serial!r}")
 
 
 def _on_table(method: str, recording: Recording, plan: Plan, matrix: str, robust: bool) -> Calibration:

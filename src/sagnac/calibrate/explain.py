@@ -22,6 +22,7 @@ Flags = NDArray[np.bool_]
 _POOR = 0.02  # misfit relative to the input from which the plan is doubted,
 _BEYOND = 4.0  # if it is also this many times what the table's uncertainty does
 _BETTER = 0.25  # share of the misfit that another reading may leave
+_GOOD = 0.05  # misfit above which no reading of a plan explains anything
 _TURNS = 0.5  # share of the planned rate that a turning unit shows
 _STANDS = 5.0  # times the usual reading at rest
 
@@ -104,6 +105,8 @@ def refuse_other_reading(sensor: str, means: SegmentMeans, plan: Plan, site: Sit
         return
     planned = _misfit(sensor, means, plan, site, _Reading(""), used)
     limit = max(_POOR, _BEYOND * plan.rig.angle_uncertainty)
+    if not np.isfinite(planned.misfit):  # too few positions to tell; that is said elsewhere
+        return
     mirrored = sensor == "accel" and planned.misfit < limit and _both_mirrored(planned, means, plan, site)
     if planned.misfit < limit and not mirrored:
         return
@@ -111,7 +114,7 @@ def refuse_other_reading(sensor: str, means: SegmentMeans, plan: Plan, site: Sit
         (reading, _misfit(sensor, means, plan, site, reading, used))
         for reading in _readings(plan, turning if sensor == "gyro" else np.zeros_like(turning))
     ]
-    enough = limit if mirrored else max(_BETTER * planned.misfit, 0.25 * _POOR)
+    enough = limit if mirrored else min(max(_BETTER * planned.misfit, 0.25 * _POOR), max(limit, _GOOD))
     good = [
         (r, m.misfit) for r, m in others if m.misfit < enough and m.in_order and (m.upright or sensor in means.counts)
     ]

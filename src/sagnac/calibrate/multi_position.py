@@ -218,8 +218,7 @@ def _first(
         remarks += sanity.check_gyro_sense(matrix, counts, "the plan's rates")
     else:
         remarks += sanity.check_accel_sense(matrix, counts)
-    if not counts:
-        sanity.check_scale(sensor, matrix)
+    remarks += sanity.scale_remarks(sensor, matrix, counts)
     gain = float(np.mean(np.linalg.norm(matrix, axis=1))) if counts else 1.0
     noise = common.noise_of(means, plan, sensor, gain, float(np.abs(readings - bias).max()))
     remarks += noise.remarks

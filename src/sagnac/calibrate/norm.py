@@ -22,6 +22,7 @@ from . import common, explain, mount, quadric, sanity
 from .norm_model import NO_AZIMUTH, Group, NormModel, across
 
 _LEVER_PRIOR = 0.5  # m: no unit sits further from the axis of a turntable
+_ASTRAY = 3.0
 _LEAST_TWIST = 1e-7  # rad: a table stated to be perfect
 _FREE_TWIST = 0.3  # rad
 
@@ -81,14 +82,13 @@ def solve(means: SegmentMeans, plan: Plan, *, robust: bool = False) -> Solution:
     """
     case, start, model, known, parameters = prepare(means, plan)
     fit = estimate(parameters, model.rows, means.names, noise_known=known, robust=robust)
+    case.remarks.extend(common.misfit_remarks(fit, known and not robust))
     if known and not robust and fit.used != "white" and np.ptp(means.duration) > 0:
         alike = replace(means, duration=np.full_like(means.duration, means.duration.mean()))
         model, _ = _model(replace(case, means=alike), start)
         again = estimate(parameters, model.rows, means.names, noise_known=False, robust=robust)
         fit = replace(again, white=fit.white, chi2=fit.chi2, p_value=fit.p_value)
         case.remarks.append("segments scatter by more than their noise and are weighed alike, whatever their length")
-    else:
-        case.remarks.extend(common.misfit_remarks(fit, known and not robust))
     solution = Solution(fit, model, case)
     case.remarks.extend(_earth_at_rest(solution))
     return solution
@@ -395,6 +395,7 @@ def _report(solution: Solution, recording: Recording | None) -> Calibration:
         covariance[m:, :k], covariance[:k, m:] = found.cross, found.cross.T
         parts.append((found.fit, list(range(len(found.fit.names)))))
         case.remarks.append("rig.mount and rig.tilt rest on the table's angles; nothing else in this result does")
+        case.remarks.extend(_settings_remarks(found.fit, model))
     return common.result(
         "norm",
         named(names, units, value, covariance),
@@ -406,6 +407,19 @@ def _report(solution: Solution, recording: Recording | None) -> Calibration:
         span=case.means.span,
         remarks=case.remarks,
     )
+
+
+def _settings_remarks(found: Estimate, model: NormModel) -> list[str]:
+    """A word where the settings do not fit the directions that the accelerometers show."""
+    times = np.sqrt(found.chi2 / max(found.degrees_of_freedom, 1))
+    if found.degrees_of_freedom < 1 or times < _ASTRAY or found.p_value > 1e-6:
+        return []
+    shifted = max(found.influence, key=lambda i: i.chi2)
+    text = (
+        f"the plan's angles miss the directions found by {times:.3g} times the stated uncertainty, most in segment "
+        f"{shifted.segment!r}: rig.mount and rig.tilt are not to be trusted"
+    )
+    return [text + (", nor is the azimuth that the gyros rest on" if model.gyro is not None else "")]
 
 
 def _mounting(solution: Solution) -> mount.Mounting | None:

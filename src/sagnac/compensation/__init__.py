@@ -12,9 +12,11 @@ from ..calibration import Calibration
 from ..errors import DataError, InputError
 from ..files import write_atomically
 from ..recording import SENSORS, Batch, Recording, header_parts
-from ..sensors import Correction, Triad, correction, invert
+from ..sensors import TERMS, Correction, Triad, correction, invert
+from ..sensors.axis import unit_of
 
 _UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
+_LINEAR = ("bias", "scale_error")
 _RIG_UNITS = {"temperature": "K"}
 
 
@@ -52,14 +54,22 @@ def corrections(calibration: Calibration, recording: Recording) -> dict[str, Cor
 def _refuse_incomplete(calibration: Calibration, sensor: str, model: Correction) -> None:
     """A hand-edited file may lack an axis or carry other units; neither may pass for a calibration."""
     own = {p.name: p for p in calibration.parameters if p.name.startswith(f"{sensor}.")}
-    for term in ("scale_error", "scale_factor"):
+    covered = {name[-1] for name in own if len(name.rpartition(".")[2]) == 1}
+    if covered and covered != set("xyz"):
+        raise DataError(
+            f"the calibration covers {sensor} {', '.join(sorted(covered))} only; a triad is compensated as a whole, so all three "
+            "axes are needed"
+        )
+    for term in ("bias", "scale_error", "scale_factor"):
         there = [axis for axis in "xyz" if f"{sensor}.{term}.{axis}" in own]
         if 0 < len(there) < 3:
             raise DataError(
                 f"the calibration gives {sensor}.{term} of {', '.join(there)} only; all three axes are needed"
             )
     triad = Triad(sensor, model.counts, full=True, g_sensitivity=sensor == "gyro")
-    for name, unit in zip(triad.names, triad.units, strict=True):
+    expected = dict(zip(triad.names, triad.units, strict=True))
+    expected |= {f"{sensor}.{t}.{a}": unit_of(sensor, t) for t in TERMS[sensor] for a in "xyz" if t not in _LINEAR}
+    for name, unit in expected.items():
         if name in own and own[name].unit != unit and (unit != "rad" or own[name].unit != "1"):
             raise DataError(f"the calibration gives {name} in {own[name].unit!r}; it must be in {unit!r}")
     if not np.linalg.cond(model.matrix / np.maximum(np.abs(np.diag(model.matrix)), 1e-300)[:, None]) < 1e6:
@@ -78,6 +88,11 @@ def compensate(batch: Batch, models: dict[str, Correction]) -> dict[str, np.ndar
     if "accel" in models and batch.accel is not None:
         out["accel"] = invert(models["accel"], batch.accel)
     if "gyro" in models and batch.gyro is not None:
+        if models["gyro"].needs_force and batch.accel is not None and "accel" not in models:
+            raise DataError(
+                "the gyros answer to the specific force, and this calibration has none of the accelerometers that measure it: "
+                "calibrate accelerometers and gyros together"
+            )
         out["gyro"] = invert(models["gyro"], batch.gyro, out.get("accel"))
     return out
 

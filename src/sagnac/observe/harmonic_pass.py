@@ -11,11 +11,13 @@ import numpy as np
 
 from ..errors import DataError
 from ..frames import Array
-from ..recording import SENSORS, Batch, Recording, sample_interval
+from ..recording import GAP, SENSORS, Batch, Recording, sample_interval
 from .harmonic_sums import WORKERS, Fit, HarmonicSums
-from .samples import RESOLVED, Seen, gaps
+from .samples import RESOLVED, Seen
 
 _RUN = 8  # equal samples in a row that the top of a wave never gives an unsaturated axis
+_ENOUGH = 16  # samples that tell the usual step
+_MANY = 20  # gaps worth a word
 _CREST = 3.0  # times the time that a rounded wave stays in its last step
 
 
@@ -25,13 +27,29 @@ class Looked(Seen):
 
     Attributes
     ----------
+    usual : float, s
+        Usual step from sample to sample; wider ones are gaps.
+    holes : list of (float, float), s
+        The first gaps: time of the sample before, and length.
     run_low, run_high : ndarray, shape (axes,)
         Most equal samples in a row at the extremes.
     """
 
+    usual: float = math.nan
+    holes: list[tuple[float, float]] = field(default_factory=list)
     run_low: Array = field(default_factory=lambda: np.zeros(0))
     run_high: Array = field(default_factory=lambda: np.zeros(0))
     _state: list[Array] = field(default_factory=list)
+
+    def see(self, time: Array, interval: float) -> None:
+        """Take in the times of the next samples; of their usual step the first samples themselves tell."""
+        if math.isnan(self.usual) and time.size >= _ENOUGH:
+            self.usual = sample_interval(time)
+        interval = interval if math.isnan(self.usual) else self.usual
+        steps = np.diff(time, prepend=self.last if self.count else time[0])
+        for i in np.flatnonzero(steps > GAP * interval)[: _MANY - len(self.holes)]:
+            self.holes.append((float(time[i] - steps[i]), float(steps[i])))
+        super().see(time, interval)
 
     def look(self, groups: Sequence[Array], pool: ThreadPoolExecutor) -> list[Future[None]]:
         """Take in the next samples, in the background."""
@@ -99,14 +117,11 @@ class Pass:
     first, last : float, s
         Sample times.
     interval : float, s
-    gaps : list of (float, float), s
-        Start and length.
     """
 
     first: float = math.nan
     last: float = math.nan
     interval: float = math.nan
-    gaps: list[tuple[float, float]] = field(default_factory=list)
 
 
 def go_through(
@@ -134,7 +149,6 @@ def go_through(
             if math.isnan(out.interval) and batch.time.size > 1:
                 out.interval = sample_interval(batch.time)
             out.first = float(batch.time[0]) if math.isnan(out.first) else out.first
-            out.gaps += gaps(batch, out.last, out.interval)
             out.last = float(batch.time[-1])
             # pulses were counted over the interval before their time stamp
             time = batch.time - out.interval / 2 if recording.increments else batch.time

@@ -279,7 +279,7 @@ def _gather(
         counts=run.recording.counts,
         remarks=(
             *remarks,
-            *(text for _, text in gaps_inside(run.told.gaps, [s.segment for s in seen])),
+            *(text for s in seen for _, text in gaps_inside(s.holes, [s.segment])),
             *_restless(variance, _EXACT * _power(fits), run),
         ),
         span=(run.told.first, run.told.last),

@@ -15,8 +15,8 @@ import numpy as np
 from ..errors import DataError
 from ..frames import Array
 from ..plan import Plan, Segment
-from ..recording import SENSORS, Recording, sample_interval
-from .samples import axis_names, gaps, gaps_inside, refuse_outside, refuse_saturated
+from ..recording import GAP, SENSORS, Batch, Recording, sample_interval
+from .samples import axis_names, gaps_inside, refuse_outside, refuse_saturated
 from .sums import BLOCKS, Sums
 
 _DITHERED = 0.4  # noise, in steps of the converter, from which averaging takes the rounding away
@@ -116,12 +116,12 @@ def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
         raise DataError("the plan has no [[segment]]; this method needs to know which samples belong to which position")
     sensors = [s for s in SENSORS if s in recording.has]
     sums = [Sums(s, 3 * len(sensors)) for s in plan.segment]
-    interval, first, last, holes = np.nan, np.nan, np.nan, []
+    interval, first, last, gaps = np.nan, np.nan, np.nan, []
     for batch in recording.batches():
         if np.isnan(interval) and batch.time.size > 1:
             interval = sample_interval(batch.time)
         first = batch.time[0] if np.isnan(first) else first
-        holes += gaps(batch, last, interval)
+        gaps += _gaps(batch, last, interval)
         last = float(batch.time[-1])
         values = np.hstack([v for v in (batch.accel, batch.gyro) if v is not None])
         # pulses were counted over the interval before their time stamp
@@ -132,7 +132,13 @@ def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
                 part.add(time[i:j], values[i:j], interval if np.isfinite(interval) else np.inf)
     refuse_outside(recording.name, sums, float(first), last, interval)
     refuse_saturated(recording.name, sums, axis_names(recording))
-    return _gather(recording, sums, sensors, interval, holes, (float(first), last))
+    return _gather(recording, sums, sensors, interval, gaps, (float(first), last))
+
+
+def _gaps(batch: Batch, last: float, interval: float) -> list[tuple[float, float]]:
+    steps = np.diff(batch.time, prepend=last if np.isfinite(last) else batch.time[0])
+    where = np.flatnonzero(steps > GAP * interval)
+    return [(float(batch.time[i] - steps[i]), float(steps[i])) for i in where]
 
 
 def _gather(
@@ -140,7 +146,7 @@ def _gather(
     sums: list[Sums],
     sensors: list[str],
     interval: float,
-    holes: list[tuple[float, float]],
+    gaps: list[tuple[float, float]],
     span: tuple[float, float],
 ) -> SegmentMeans:
     count = np.array([p.count for p in sums])
@@ -178,7 +184,7 @@ def _gather(
         counts=recording.counts,
         remarks=(
             *_rounding_remarks(rounded, noise, recording, sensors),
-            *_gap_remarks(holes, sums),
+            *_gap_remarks(gaps, sums),
             *_restless(found, sensors, worth),
         ),
         span=span,
@@ -221,9 +227,9 @@ def _lattice(extremes: Array) -> Array:
     return out
 
 
-def _gap_remarks(holes: list[tuple[float, float]], sums: list[Sums]) -> list[str]:
+def _gap_remarks(gaps: list[tuple[float, float]], sums: list[Sums]) -> list[str]:
     turning = "; while turning, what is left of the Earth rate is then only roughly known: better cut the segment there"
-    return [text + turning * (s.turn_rate != 0) for s, text in gaps_inside(holes, [p.segment for p in sums])]
+    return [text + turning * (s.turn_rate != 0) for s, text in gaps_inside(gaps, [p.segment for p in sums])]
 
 
 def _restless(found: list[tuple[Sums, Array, int]], sensors: list[str], worth: Array) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import DataError
 from ..frames import Array
 from ..plan import Segment
-from ..recording import GAP, SENSORS, Batch, Recording
+from ..recording import GAP, SENSORS, Recording
 
 _STUCK = 10  # equal samples that no noisy axis shows by chance
 _FROZEN_SHARE = 0.2
@@ -96,21 +96,6 @@ class Seen:
 def axis_names(recording: Recording) -> tuple[str, ...]:
     """Axes of a recording in standard order, single ones with those of whole triads."""
     return tuple(a for s, axes in SENSORS.items() for a in axes if s in recording.has or a in recording.single)
-
-
-def gaps(batch: Batch, last: float, interval: float) -> list[tuple[float, float]]:
-    """Start and length of the gaps in a batch, the step from the sample before it included.
-
-    Parameters
-    ----------
-    batch : Batch
-    last : float, s
-        Time of the sample before; NaN at the beginning.
-    interval : float, s
-    """
-    steps = np.diff(batch.time, prepend=last if np.isfinite(last) else batch.time[0])
-    where = np.flatnonzero(steps > GAP * interval)
-    return [(float(batch.time[i] - steps[i]), float(steps[i])) for i in where]
 
 
 def gaps_inside(found: Sequence[tuple[float, float]], segments: Sequence[Segment]) -> list[tuple[Segment, str]]:

@@ -19,6 +19,7 @@ LOUD = 2.5
 _LOBE = 2  # bins at each side that a line spreads over under a Hann window
 _AROUND = 32  # bins at each side that the floor is judged by
 _STRETCHES = 4
+_LONGEST = 1 << 18  # samples in a stretch: what a longer recording adds goes into the average
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class SpectrumSums:
 
     interval: float
     length: int
-    _held: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    _held: list[Array] = field(default_factory=list)
     _power: Array = field(default_factory=lambda: np.zeros(0))
     _total: Array = field(default_factory=lambda: np.zeros(0))
     _count: int = 0
@@ -94,22 +95,25 @@ class SpectrumSums:
     @classmethod
     def fitting(cls, count: int, interval: float) -> SpectrumSums:
         """Stretches of a quarter of `count` samples, so that some can be averaged."""
-        return cls(interval, max(16, count // _STRETCHES // 2 * 2))
+        return cls(interval, max(16, min(count // _STRETCHES, _LONGEST) // 2 * 2))
 
     def add(self, values: Array) -> None:
         """Take in the next samples, shape (n, k)."""
-        if self._held.size == 0:
-            self._held, self._total = np.zeros((0, values.shape[1])), np.zeros(values.shape[1])
+        if self._count == 0:
+            self._total = np.zeros(values.shape[1])
             self._power = np.zeros((self.length // 2 + 1, values.shape[1]))
         self._total, self._count = self._total + values.sum(axis=0), self._count + len(values)
-        held = np.concatenate([self._held, values])
+        self._held.append(values)
+        if sum(map(len, self._held)) < self.length:
+            return
+        held = np.concatenate(self._held)
         window, hop = np.hanning(self.length + 1)[:-1, None], self.length // 2
         while len(held) >= self.length:
             stretch = held[: self.length]
             self._power += np.abs(np.fft.rfft(window * (stretch - stretch.mean(axis=0)), axis=0)) ** 2
             self._averages += 1
             held = held[hop:]
-        self._held = held
+        self._held = [held.copy()]
 
     def result(self) -> Spectrum | None:
         """The spectrum of all that was added; None when it was less than one stretch."""

@@ -167,19 +167,6 @@ def encoder_reading(angle: Array, rig: RollRig, resolution: float = 0.0) -> Arra
     return np.asarray(np.round(shown / resolution) * resolution if resolution else shown)
 
 
-def encoder_derivatives(angle: Array, rate: Array, rig: RollRig) -> Array:
-    """Derivatives of the unrounded reading to delay, cos1, sin1, cos2, sin2 and the angle, shape (6, n).
-
-    Parameters
-    ----------
-    angle, rate : ndarray, shape (n,), rad and rad/s
-        e and de/dt at the time of reading.
-    rig : RollRig
-    """
-    gain = 1.0 + eccentric_slope(angle, rig.eccentricity)
-    return np.concatenate([(gain * rate)[None], eccentric_basis(angle), gain[None]])
-
-
 def true_angle(reading: Array, eccentricity: tuple[float, float, float, float]) -> Array:
     """Angle that the encoder shows as this reading: E inverted by Newton's method, shape (n,), rad."""
     if not any(eccentricity):

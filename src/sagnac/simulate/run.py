@@ -69,11 +69,8 @@ class Simulated:
 
 def follow_up(scenario: Scenario, folder: Path, recording: str) -> str:
     """The command that a scenario is for, empty when it names none."""
-    if not scenario.method:
+    if not scenario.method or scenario.kind == "vehicle":
         return ""
-    if scenario.kind == "vehicle":
-        files = f"--master {folder / 'master.parquet'} --slave {folder / recording} --config {folder / 'config.toml'}"
-        return f"sagnac align {scenario.method} {files} --out {folder / 'alignment'}"
     return f"sagnac calibrate {scenario.method} {folder / recording} --plan {folder / 'plan.toml'} --out {folder / 'cal.json'}"
 
 

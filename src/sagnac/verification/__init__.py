@@ -9,8 +9,8 @@ together pass or fail by one chi-square.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from ..calibrate.hand_gyros import rotation_misfit
 from ..calibration import Calibration, printed
 from ..compensation import corrections
 from ..errors import DataError
+from ..files import sha256
 from ..frames import Array, tangents, unit
 from ..observe.means import SegmentMeans, segment_means
 from ..observe.static import THRESHOLD, static_intervals
@@ -129,6 +130,12 @@ def verify(
     InputError
         When units do not match.
     """
+    found = _verified(calibration, recording, plan, threshold)
+    notes = (*_same_source(calibration, recording), *_other_unit(calibration, plan))
+    return replace(found, remarks=(*found.remarks, *notes)) if notes else found
+
+
+def _verified(calibration: Calibration, recording: Recording, plan: Plan | None, threshold: float) -> Verification:
     if calibration.method == "roll-isolated":
         from . import roll_isolated
 
@@ -142,6 +149,11 @@ def verify(
     if site.segment:
         means = segment_means(recording, site)
         if all(triad_of(calibration.values(), kind) is None for kind in models):
+            if any(m.terms for m in models.values()):
+                raise DataError(
+                    f"this calibration by {calibration.method} holds terms but no whole triad with scale and misalignment: "
+                    "it can only be verified on the rig that it is from"
+                )
             return _biases(calibration, means, site)
         return _judge(calibration, means, site, models, None)
     batch = recording.read()
@@ -194,7 +206,9 @@ def _judge(
     from scipy.linalg import block_diag
     from scipy.special import chdtrc
 
-    parts = [_norms(k, calibration, means, plan, models) for k in ("accel", "gyro") if k in models]
+    names = calibration.values()
+    whole = [k for k in ("accel", "gyro") if k in models and triad_of(names, k) is not None]
+    parts = [_norms(k, calibration, means, plan, models) for k in whole]
     parts.append(_axes(calibration, means, plan, models))
     parts = [p for p in parts if p.residual.size]
     if not parts:
@@ -216,8 +230,32 @@ def _judge(
     )
     p_value = float(chdtrc(r.size, chi2))
     rms = None if closure is None else float(np.sqrt(np.mean(closure**2)))
-    closed, remarks = _closure(calibration, closure, list(means.remarks))
+    closed, remarks = _closure(calibration, closure, [*means.remarks, *_left_out(whole, models)])
     return Verification(checks, chi2, r.size, p_value, p_value >= PASS and closed, rms, tuple(remarks))
+
+
+def _left_out(whole: Sequence[str], models: Collection[str]) -> list[str]:
+    """A word on sensors of which the calibration holds too little to judge them here."""
+    return [
+        f"the {kind} triad was not judged: the calibration lacks its scale or misalignments"
+        for kind in sorted(set(models) - set(whole))
+    ]
+
+
+def _same_source(calibration: Calibration, recording: Recording) -> list[str]:
+    """A word where the recording is one that the fit has seen."""
+    known = {s.sha256 for s in calibration.source if s.sha256}
+    if recording.path is None or not known or sha256(recording.path) not in known:
+        return []
+    return ["this is the recording that the calibration was made from: that it fits says nothing about another one"]
+
+
+def _other_unit(calibration: Calibration, plan: Plan | None) -> list[str]:
+    """A word where the serial numbers of calibration and plan differ."""
+    theirs = plan.unit.serial if plan is not None else ""
+    if not theirs or not calibration.unit.serial or theirs == calibration.unit.serial:
+        return []
+    return [f"the calibration is of unit {calibration.unit.serial!r}, the plan names {theirs!r}"]
 
 
 def _closure(calibration: Calibration, closure: Array | None, remarks: list[str]) -> tuple[bool, list[str]]:
@@ -287,7 +325,7 @@ def _variance(kind: str, means: SegmentMeans, plan: Plan, model: Correction) -> 
 
 
 def _axes(calibration: Calibration, means: SegmentMeans, plan: Plan, models: dict[str, Correction]) -> _Norms:
-    """In segments that turn about the vertical both triads must see one axis: angle between them, two components a segment.
+    """About the vertical both triads must see one axis turn: angle between them, two components a segment.
 
     Both come out of a function of the parameters, whose derivative is taken by central differences.
     """
@@ -295,7 +333,7 @@ def _axes(calibration: Calibration, means: SegmentMeans, plan: Plan, models: dic
     at = np.flatnonzero(rates)
     k = len(calibration.parameters)
     names = list(calibration.values())
-    triads = {s: triad_of(names, s) for s in ("accel", "gyro")}
+    triads = {s: triad_of(names, s, ratio=calibration.misalignment == "input-axis") for s in ("accel", "gyro")}
     both = (
         set(models) == {"accel", "gyro"} and all(triads.values()) and triads["gyro"] is not None and triads["gyro"].full
     )
@@ -335,7 +373,8 @@ def _seen(
 ) -> tuple[Array, Array]:
     """Direction of the outer axis from the accelerometers and from the gyros, (n, 3) each, for parameter values x."""
     values = dict(zip(calibration.values(), x, strict=True))
-    accel, gyro = correction(values, "accel"), correction(values, "gyro")
+    ratio = calibration.misalignment == "input-axis"
+    accel, gyro = (correction(values, sensor, ratio=ratio) for sensor in ("accel", "gyro"))
     assert accel is not None and gyro is not None  # noqa: PT018 - the caller has looked
     force = invert(accel, means.mean["accel"][at])
     lever = np.array([values.get(f"rig.lever_arm.{axis}", 0.0) for axis in "xyz"])
@@ -348,7 +387,7 @@ def _jacobian(kind: str, calibration: Calibration, u: Array, along: Array, force
     """Derivative of the norm to every parameter of the calibration: -d|u|/dN (dS u + db + dG f)."""
     names = list(calibration.values())
     out = np.zeros((len(u), len(names)))
-    triad = triad_of(names, kind)
+    triad = triad_of(names, kind, ratio=calibration.misalignment == "input-axis")
     if triad is None:
         raise DataError(f"the calibration lacks parts of the {kind} triad: its norm cannot be judged")
     x = np.array([calibration[n].value for n in triad.names])

@@ -56,6 +56,8 @@ def _nominal(task: Task) -> dict[str, Array]:
     for kind, values in (("accel", felt.force), ("gyro", felt.rate)):
         mean, cos, sin = np.moveaxis(values, -1, 0)
         turned = np.stack([mean, cos * c + sin * s, sin * c - cos * s], axis=-1)
+        there = np.nan_to_num(task.planned_angle)[:, None]
+        turned[..., 0] += np.where(task.stands[:, None], cos * np.cos(there) + sin * np.sin(there), 0.0)
         turned[task.mean_only, :, 1:] = 0.0
         for i, axis in enumerate("xyz"):
             out[f"{kind}.{axis}"] = turned[:, i]

@@ -27,13 +27,14 @@ from ...frames import Array
 from ...rigs.centrifuge import Arm, Series, series
 from ...rigs.turntable import Site
 from ...sensors import Axis
-from ...sensors.series import response
+from ...sensors.series import basis, response
 from .. import mount
 
 RIG = {"rig.radius": 0, "rig.tilt.x": 1, "rig.tilt.y": 2, "rig.gravity": 3}
 """Unknowns of the rig and their places in :data:`sagnac.rigs.centrifuge.EFFECTS`."""
 MOUNT = ("rig.mount.x", "rig.mount.y", "rig.mount.z")
 _ARM_RATE, _GIMBALS = 4, slice(5, 8)
+_EXACT = 3  # highest harmonic that sensors of third order make of an input of the first
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,8 @@ class Group:
         Whitening.
     phase, rate : ndarray, shape (n,), rad and rad/s
         Of the angle that the coefficients refer to, at mid time.
+    at_rest : bool
+        Whether the arm stands at its angle: the one coefficient is then the reading there, not the mean over a turn.
     """
 
     index: NDArray[np.intp]
@@ -81,6 +84,7 @@ class Group:
     weight: Array
     phase: Array
     rate: Array
+    at_rest: bool = False
 
 
 @dataclass(frozen=True)
@@ -191,7 +195,8 @@ class CentrifugeModel:
     def predicted(self, group: Group, x: Array, local: Array) -> _Predicted:
         """Coefficients of a group as they would be measured."""
         felt, d_mount, rate = self.inputs(x, group.index, local)
-        n, m, c, k = len(group.index), len(self.sensors), 1 + 2 * group.order, len(x)
+        order = _EXACT if group.at_rest else group.order
+        n, m, c, k = len(group.index), len(self.sensors), 1 + 2 * order, len(x)
         value, to_x = np.empty((n, m, c)), np.zeros((n, m, c, k))
         to_effects, at = np.empty((n, m, c, 8)), 0
         rig_at = [self.places[u] for u in self.unknown if u in RIG]
@@ -199,7 +204,7 @@ class CentrifugeModel:
         for j, sensor in enumerate(self.sensors):
             own = slice(at, at + len(sensor.names))
             at = own.stop
-            said = response(sensor, x[own], felt.force, felt.rate, group.order, self._fixed)
+            said = response(sensor, x[own], felt.force, felt.rate, order, self._fixed)
             by_force, by_rate = said.to_force.reshape(n, c, 9), said.to_rate.reshape(n, c, 9)
             value[:, j], to_x[:, j, :, own] = said.value, said.to_parameters
             to_effects[:, j] = by_force @ felt.to_force.reshape(n, 9, 8) + by_rate @ felt.to_rate.reshape(n, 9, 8)
@@ -211,7 +216,20 @@ class CentrifugeModel:
         to_x[..., rig_at] = to_effects[..., rig_from]
         q = slice(k - len(self.turning.parameters), k)
         to_x[..., q] += to_effects[..., _ARM_RATE, None] * self.turning.to_rate[group.index][:, None, None]
-        return self._as_measured(group, x[q], rate, q, _Predicted(value, to_x, to_effects[..., _GIMBALS]))
+        told = _Predicted(value, to_x, to_effects[..., _GIMBALS])
+        return self._standing(group, x[q], q, told) if group.at_rest else self._as_measured(group, x[q], rate, q, told)
+
+    def _standing(self, group: Group, q: Array, at: slice, told: _Predicted) -> _Predicted:
+        """What the series are at the angle where the arm stands."""
+        turning, index = self.turning, group.index
+        angle = turning.angle[index] + turning.to_angle[index] @ q
+        there, slope = basis(angle, _EXACT)[:, None], np.zeros((len(index), 1, 1 + 2 * _EXACT))
+        h = np.arange(1, _EXACT + 1)
+        slope[..., 1::2], slope[..., 2::2] = -h * there[..., 2::2], h * there[..., 1::2]
+        value, by_angle = (np.sum(told.value * v, axis=-1, keepdims=True) for v in (there, slope))
+        to_x, to_local = there[:, :, None] @ told.to_x, there[:, :, None] @ told.to_local
+        to_x[..., at] += by_angle[..., None] * turning.to_angle[index][:, None, None]
+        return _Predicted(value, to_x, to_local)
 
     def _as_measured(self, group: Group, q: Array, rate: Array, at: slice, told: _Predicted) -> _Predicted:
         """The same in the angle that the measured coefficients refer to."""

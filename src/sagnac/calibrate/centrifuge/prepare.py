@@ -126,7 +126,7 @@ def prepare(
     _refuse_moving(harmonics)
     at = [harmonics.axes.index(c) for c in columns]
     coefficient, covariance, extended = harmonics.coefficient[:, at], harmonics.unit_covariance, harmonics.extended
-    if extended and np.all(np.isfinite(angle)) and not plan.rig.rate_uncertainty > 0:
+    if extended and np.all(np.isfinite(angle) | mean_only) and not plan.rig.rate_uncertainty > 0:
         coefficient, covariance = without_tau(coefficient, covariance, harmonics.order)
         extended = False
     task = Task(
@@ -225,15 +225,17 @@ def _angles(harmonics: SegmentHarmonics, plan: Plan, columns: Sequence[str], rem
         mean_only[i] = s.arm_rate == 0 or (np.isnan(out[i]) and not plan.rig.counter_rotating)
     unknown = [s.name for s, lost in zip(harmonics.segments, np.isnan(out) & mean_only, strict=True) if lost]
     if unknown and not plan.rig.counter_rotating:
-        if any(c.startswith("gyro") for c in columns) and any(
-            s.arm_rate == 0 and s.name in unknown for s in harmonics.segments
-        ):
+        resting = [s.name for s in harmonics.segments if s.arm_rate == 0 and s.name in unknown]
+        gyros, tilted = any(c.startswith("gyro") for c in columns), plan.rig.axis_uncertainty > 0
+        if resting and (gyros or tilted):
+            felt = (
+                "the gyros feel the horizontal Earth rate" if gyros else "the accelerometers feel the tilt of its axis"
+            )
             raise InputError(
-                f"segment {unknown[0]!r} does not say where the arm points (arm_phase): on a unit fixed to the arm the gyros "
-                "feel the horizontal Earth rate by it"
+                f"segment {resting[0]!r} does not say where the arm points (arm_phase): on a unit fixed to the arm {felt} by it"
             )
         remarks.append("arm_phase was not given: of segments on the turning arm only the mean over the turn is used")
-    return np.where(mean_only, np.nan_to_num(out), out), mean_only
+    return out, mean_only
 
 
 def _refuse_other_rate(harmonics: SegmentHarmonics, plan: Plan, mean_only: Flags) -> None:

@@ -60,9 +60,9 @@ class Task:
     mid_time : ndarray, shape (n,), s
     planned_rate : ndarray, shape (n,), rad/s
     planned_angle : ndarray, shape (n,), rad
-        At mid time; NaN where neither plan nor arm column tells.
+        At mid time, or where the arm stands; NaN where neither plan nor arm column tells.
     mean_only : ndarray of bool, shape (n,)
-        Where only the means are used: nothing turns, or the unit is fixed to an arm whose angle nobody knows.
+        Where only the means are used: nothing turns, or the unit is fixed to a turning arm whose angle nobody knows.
     rate_sigma : ndarray, shape (n,), rad/s
         Of rates that were found in the samples.
     by_column : ndarray of bool, shape (n,)
@@ -119,6 +119,11 @@ class Task:
     def known(self) -> NDArray[np.bool_]:
         """Where the arm's angle is known beforehand, or does not matter, (n,)."""
         return np.asarray(np.isfinite(self.planned_angle) | self.mean_only)
+
+    @property
+    def stands(self) -> NDArray[np.bool_]:
+        """Where a unit fixed to the arm rests at a known angle, on which its readings depend, (n,)."""
+        return np.asarray(~self.turns & np.isfinite(self.planned_angle) & (not self.arm.counter_rotating))
 
     @property
     def mountable(self) -> bool:
@@ -185,9 +190,11 @@ class Task:
         return Seen(self.mid_time, self.known, angle, sigma, rate, self.rate_sigma, stated)
 
     def groups(self) -> tuple[Group, ...]:
-        """Segments by what is used of them: all coefficients, or the mean alone."""
+        """Segments by what is used of them: all coefficients, the reading at the angle where the arm stands, or the mean."""
         out = []
-        for index, order in ((np.flatnonzero(~self.mean_only), self.order), (np.flatnonzero(self.mean_only), 0)):
+        stands = self.mean_only & self.stands
+        for which, order in ((~self.mean_only, self.order), (self.mean_only & ~stands, 0), (stands, 0)):
+            index = np.flatnonzero(which)
             if index.size == 0:
                 continue
             extended = self.extended and order > 0
@@ -196,7 +203,14 @@ class Task:
             weight = np.linalg.inv(lower)[:, None] / np.sqrt(self.variance[index])[..., None, None]
             out.append(
                 Group(
-                    index, order, extended, self.coefficient[index, :, :c], weight, self.phase[index], self.rate[index]
+                    index,
+                    order,
+                    extended,
+                    self.coefficient[index, :, :c],
+                    weight,
+                    self.phase[index],
+                    self.rate[index],
+                    at_rest=bool(stands[index].all()),
                 )
             )
         return tuple(out)
