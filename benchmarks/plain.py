@@ -152,3 +152,27 @@ def _dirichlet(step, count):
     half = np.sin(0.5 * step)
     ratio = count if half == 0 else np.sin(0.5 * step * count) / half
     return ratio * np.exp(0.5j * step * (count - 1))
+
+
+def extremes(column):
+    """What :func:`sagnac.kernels.harmonics.look` finds in one axis, by name of its column."""
+
+    def longest(flags):
+        best = now = 0
+        for flag in flags:
+            now = now + 1 if flag else 0
+            best = max(best, now)
+        return best
+
+    steps = np.abs(np.diff(column))
+    low, high = column.min(), column.max()
+    return {
+        "LOW": low,
+        "HIGH": high,
+        "AT_LOW": np.sum(column == low),
+        "AT_HIGH": np.sum(column == high),
+        "LONGEST_LOW": longest(column == low),
+        "LONGEST_HIGH": longest(column == high),
+        "SQUARED_STEPS": np.sum(steps**2),
+        "FINEST": np.min(steps[steps > 0], initial=np.inf),
+    }

@@ -159,6 +159,9 @@ class Rig(_Record):
     """Whether the platform on the arm keeps its direction (or else turns with the arm)."""
     phase_uncertainty: Annotated[Angle, _SIZE] = 0.0
     """Of a centrifuge's arm_phase, common to all segments."""
+    arm_continuous: bool | None = None
+    """How a centrifuge's arm got from segment to segment where arm_phase is not given: turning on steadily (true), or so as to
+    pass the same angle at every start (false); left out: as the data fit."""
     encoder_resolution: Annotated[Angle, _SIZE] = 0.0
     """Step of a roll-isolated rig's encoder."""
     encoder_uncertainty: Annotated[Angle, _SIZE] | None = None
@@ -242,7 +245,7 @@ _OWN_KEYS = {
     ),
     "centrifuge": (
         {"arm_rate", "arm_phase", "alpha", "beta", "gamma"},
-        {"radius", "radius_uncertainty", "counter_rotating", "phase_uncertainty"},
+        {"radius", "radius_uncertainty", "counter_rotating", "phase_uncertainty", "arm_continuous"},
     ),
     "roll-isolated": (
         {"stage", "inner_rate", "spin_rate"},

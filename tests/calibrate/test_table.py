@@ -288,3 +288,35 @@ def test_the_result_is_verified_on_a_table_of_another_build():
     recording, plan = recorded()
     with pytest.raises(InputError, match="norm takes turns of the outer axis only: use table"):
         calibrate("norm", recording, plan)
+
+
+ONE_WRONG = {
+    "one middle angle reversed": lambda i, s: s.model_copy(update={"middle": -s.middle}) if s.name == "s5" else s,
+    "one rate a percent off": lambda i, s: (
+        s.model_copy(update={"outer_rate": 1.01 * s.outer_rate}) if s.name == "r3" else s
+    ),
+}
+
+
+@pytest.mark.parametrize("what", ONE_WRONG)
+def test_one_bad_segment_is_named(what):
+    plan = planned(ARCMIN)
+    _, means = drawn(plan, np.random.default_rng(9))
+    wrong = _changed(plan, ONE_WRONG[what])
+    name = "s5" if "middle" in what else "r3"
+    with pytest.raises(DataError, match=f"Without segment '{name}' all the others fit"):
+        table.calibrate_means(replace(means, segments=wrong.segment), wrong)
+
+
+def test_too_few_positions_are_not_taken_for_a_wrong_plan():
+    # two axes only, and positions that leave an axis open: no other reading of the plan may be offered
+    plan = planned(ARCMIN)
+    flat = _changed(
+        plan, lambda i, s: s.model_copy(update={"inner": 0.0, "middle": 0.1 * i}) if s.name[0] == "s" else s
+    )
+    flat = flat.model_copy(update={"segment": flat.segment[:12]})
+    angles = np.array([s.angles for s in flat.segment])
+    _, means = drawn(flat, np.random.default_rng(3))
+    clean = readings(NOISY, *inputs(angles, np.zeros_like(angles), site_of(flat)))
+    with pytest.raises(DataError, match="do not excite all three accel axes"):
+        table.calibrate_means(replace(means, mean=clean), flat)

@@ -121,7 +121,7 @@ def test_inputs_come_back_and_nothing_is_lost(tmp_path, log, monkeypatch, ending
 
 
 def test_a_second_pass_with_the_identity_changes_nothing(tmp_path, log):
-    identity = calibration({f"accel.scale_error.{a}": 0.0 for a in "xyz"} | {"gyro.bias.x": 0.0})
+    identity = calibration({f"accel.scale_error.{a}": 0.0 for a in "xyz"} | {f"gyro.bias.{a}": 0.0 for a in "xyz"})
     apply(BOTH, open_recording(log), tmp_path / "one.parquet")
     apply(identity, open_recording(tmp_path / "one.parquet"), tmp_path / "two.csv")
     one, two = open_recording(tmp_path / "one.parquet").read(), open_recording(tmp_path / "two.csv").read()
@@ -155,7 +155,11 @@ def test_columns_that_were_not_meant_keep_their_numbers_under_another_name(tmp_p
     names = [*(f"accel_{a} [m/s^2]" for a in "xyz"), *(f"second_{a} [m/s^2]" for a in "xyz")]
     path.write_text(",".join(["time [s]", *names]) + "\n0.1,1,2,3,4,5,6\n")
     recording = open_recording(path, rename={f"accel_{a}": f"second_{a}" for a in "xyz"})
-    apply(calibration({"accel.bias.x": 1.0}), recording, tmp_path / "out.parquet")
+    apply(
+        calibration({"accel.bias.x": 1.0, "accel.bias.y": 0.0, "accel.bias.z": 0.0}),
+        recording,
+        tmp_path / "out.parquet",
+    )
     out = parquet.read_table(tmp_path / "out.parquet").to_pydict()
     assert out["accel_x [m/s^2]"] == [3.0]
     assert out["input accel_x [m/s^2]"] == [1]

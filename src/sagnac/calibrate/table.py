@@ -10,7 +10,7 @@ import numpy as np
 
 from ..calibration import Calibration, Scatter, named
 from ..errors import DataError, InputError
-from ..estimate import Estimate, Parameter, estimate
+from ..estimate import Estimate, Parameter, estimate, settle
 from ..frames import Array
 from ..observe.means import SegmentMeans
 from ..plan import Plan
@@ -19,6 +19,8 @@ from ..sensors import Triad
 from . import common, explain, mount, multi_position, norm
 from .table_model import RIG, TableModel
 
+_FEWEST = 8  # segments of which one can be missed
+_RIGHTED, _WORSE = 3.0, 10.0  # mean square of the residuals without a bad segment, and with it in units of that
 _LEVER_PRIOR = 0.5  # m: no unit sits further from the axis of a turntable
 
 
@@ -56,8 +58,13 @@ def calibrate_means(
     [DONG18] for the two methods that this one joins.
     """
     model, parameters, remarks = prepare(means, plan)
-    fit = estimate(parameters, model.rows, means.names, robust=robust)
+    try:
+        fit = estimate(parameters, model.rows, means.names, robust=robust)
+    except DataError as error:
+        raise DataError(f"{error}{_suspect(model, parameters, means)}") from error
     remarks += common.misfit_remarks(fit, not robust)
+    if remarks and remarks[-1].startswith("the fit is poor"):
+        remarks[-1] += _suspect(model, parameters, means)
     return _report(fit, model, means, plan, recording, remarks)
 
 
@@ -108,6 +115,29 @@ def prepare(means: SegmentMeans, plan: Plan) -> tuple[TableModel, list[Parameter
         rate_unknown=rig.rate_uncertainty > 0 and "gyro" in sensors,
     )
     return model, _parameters(model, plan, start, mount.angles_of(to_b.T)), remarks
+
+
+def _suspect(model: TableModel, parameters: list[Parameter], means: SegmentMeans) -> str:
+    """Words on the one segment without which the rest would fit; empty when there is none such."""
+    n = len(means.segments)
+    if n <= _FEWEST:
+        return ""
+    fitting = []
+    for i in range(n):
+        some = model.without(i)
+        try:
+            settled = settle(parameters, some.rows)
+        except (DataError, np.linalg.LinAlgError):
+            continue
+        rows = some.rows(np.array([p.start for p in settled]))
+        fitting.append((float(np.mean(rows.residual**2)), i))
+    if not fitting:
+        return ""
+    best, at = min(fitting)
+    others = sorted(chi2 for chi2, _ in fitting)[1:]
+    if not others or best > _RIGHTED or others[0] < _WORSE * best:
+        return ""
+    return f". Without segment {means.segments[at].name!r} all the others fit: check its angles, rate and times"
 
 
 def _free_of_settings(means: SegmentMeans, plan: Plan) -> norm.Start | None:

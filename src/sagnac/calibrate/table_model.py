@@ -14,7 +14,7 @@ three delta of a segment are its own unknowns and are projected out segment by s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -89,6 +89,18 @@ class TableModel:
     def __post_init__(self) -> None:
         """Start with the settings as they are."""
         self._settings = np.zeros_like(self.angles)
+
+    def without(self, segment: int) -> TableModel:
+        """The same with one segment left out."""
+        keep = np.arange(len(self.angles)) != segment
+        return replace(
+            self,
+            readings={k: v[keep] for k, v in self.readings.items()},
+            sigma={k: v[keep] for k, v in self.sigma.items()},
+            angles=self.angles[keep],
+            rates=self.rates[keep],
+            left=self.left[keep],
+        )
 
     @cached_property
     def places(self) -> dict[str, slice]:

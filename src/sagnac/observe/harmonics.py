@@ -188,7 +188,7 @@ class _Run:
             refuse_outside(self.recording.name, self.seen, told.first, told.last, told.interval)
             refuse_saturated(self.recording.name, self.seen, self.axes)
             for seen, turn in zip(self.seen, self.turns, strict=True):
-                _refuse_undersampled(seen, turn, self.order)
+                _refuse_undersampled(f"segment {seen.segment.name!r}", turn.rate, seen.interval, self.order)
 
     def rates(self, capture: float) -> dict[int, Rate]:
         """Rates of the segments that turn, from the samples."""
@@ -204,11 +204,11 @@ class _Run:
         return dict(zip(at, found, strict=True))
 
 
-def _refuse_undersampled(seen: Looked, turn: Turn, order: int) -> None:
-    if order * abs(turn.rate) * seen.interval >= math.pi:
+def _refuse_undersampled(name: str, rate: float, interval: float, order: int) -> None:
+    if order * abs(rate) * interval >= math.pi:
         raise DataError(
-            f"segment {seen.segment.name!r}: harmonic {order} of {turn.rate:.6g} rad/s lies above half the sampling frequency "
-            f"({0.5 / seen.interval:.4g} Hz): take a lower order"
+            f"{name}: harmonic {order} of {rate:.6g} rad/s lies above half the sampling frequency ({0.5 / interval:.4g} Hz): take "
+            "a lower order"
         )
 
 
@@ -381,6 +381,7 @@ def harmonics_of(
         When there are too few samples or too short a part of a turn.
     """
     samples = _columns(values)
+    _refuse_undersampled("samples", rate, interval, order)
     with ThreadPoolExecutor(WORKERS) as pool:
         # the span of time ends half an interval after the last sample, so that tau is zero in the middle of the samples
         turn = Turn(0.0, (len(samples) - 1) * interval, rate, phase)
@@ -415,6 +416,7 @@ def rate_of(values: ArrayLike, interval: float, rate: float, *, order: int = 3, 
         When there is no periodic signal within the capture range.
     """
     samples = _columns(values)
+    _refuse_undersampled("samples", rate, interval, order)
     with ThreadPoolExecutor(WORKERS) as pool:
 
         def fill(parts: Sequence[HarmonicSums]) -> None:

@@ -21,9 +21,11 @@ from .harmonic_sums import Complex, HarmonicSums, Turn, inverted
 CAPTURE = 0.02
 """Relative error of the rate at the start that is made good."""
 _PASSES = 6  # refinements; two do, as each squares the error
+_BEYOND = 3  # points of the spectra beyond the capture range: a maximum at their end is none
 _ENOUGH = 1e-6  # rad that the highest harmonic is off at the ends of the segment
 _IMMATERIAL = 0.05  # of the standard uncertainty
-_WEAK = 0.5  # rad over the segment: an uncertainty of the rate with which no signal stands out of the noise
+_WEAK = 0.5  # rad over the segment: an uncertainty of the rate with which the angle is lost
+_CHANCE = 1e-6  # probability of noise alone to show as much, at any rate within the capture range
 _FLOOR = 1e-28  # least residual variance, in units of the signal's
 
 
@@ -88,8 +90,8 @@ def estimate(
             break
     else:
         raise DataError("the rate does not settle: the signal is not periodic at a constant rate")
-    for turn, (_, sigma), name in zip(turns, steps, names, strict=True):
-        if not sigma * (turn.stop - turn.start) < _WEAK:
+    for turn, sums, (_, sigma), name in zip(turns, fine, steps, names, strict=True):
+        if not (sigma * (turn.stop - turn.start) < _WEAK and _by_chance(sums, capture) < _CHANCE):
             raise DataError(
                 f"{name}: the samples do not show the rate: no harmonic stands out of the noise; give the rate"
             )
@@ -118,7 +120,7 @@ def _captured(sums: HarmonicSums, name: str, capture: float) -> float:
     period = (sums.turn.stop - sums.turn.start) / sums.cells
     length = 1 << math.ceil(math.log2(2 * sums.order * sums.cells))
     step = 2.0 * math.pi / (length * period)
-    reach = math.floor(capture * abs(sums.turn.rate) / step) + 1
+    reach = math.floor(capture * abs(sums.turn.rate) / step) + _BEYOND
     at = np.arange(-reach, reach + 1)
     power = np.abs(np.fft.fft(spectra, length, axis=0)) ** 2
     together = sum(power[(h * at) % length, :, h - 1].sum(axis=1) for h in harmonic)
@@ -159,6 +161,17 @@ def _sharpened(spectra: Complex, times: Array, start: float, step: float) -> flo
         if abs(found - start) > step:
             return start
     return float(found)
+
+
+def _by_chance(sums: HarmonicSums, capture: float) -> float:
+    """Probability of white noise to have harmonics of such size at the best of all rates within the capture range."""
+    from scipy.special import chdtrc
+
+    inverse, _ = inverted(sums.rest()[0][: sums.plain, : sums.plain])
+    waves, noise = sums.reference[:, 1:], np.maximum(sums.fit().noise, 1e-300)
+    told = float(np.sum((waves @ np.linalg.inv(inverse[1:, 1:]) * waves).sum(axis=1) / noise))
+    around = abs(sums.turn.rate) * (sums.turn.stop - sums.turn.start) / (2.0 * math.pi)
+    return float(chdtrc(waves.size, told)) * max(1.0, 4.0 * sums.order * capture * around)
 
 
 def _refined(sums: HarmonicSums) -> tuple[float, float]:

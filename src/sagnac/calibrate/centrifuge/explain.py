@@ -50,7 +50,9 @@ def _nominal(task: Task) -> dict[str, Array]:
     """Series of the inputs along x, y, z as (n, 3) of mean, cosine and sine, in the angle of the coefficients."""
     felt = series(task.arm, task.site, task.planned_rate, task.settings)
     seen = task.look()
-    apart = np.where(np.isfinite(seen.angle_sigma), seen.angle - task.phase, 0.0)
+    told = as_planned(seen, task.segments, task.plan)  # where the rate is uncertain, with that of the samples
+    ahead = told.to_angle @ [p.start for p in told.parameters]
+    apart = np.where(np.isfinite(seen.angle_sigma), seen.angle + ahead - task.phase, 0.0)
     c, s = np.cos(apart)[:, None], np.sin(apart)[:, None]
     out = {}
     for kind, values in (("accel", felt.force), ("gyro", felt.rate)):
@@ -332,6 +334,14 @@ def _attempts(task: Task, solve: Solve) -> Iterator[_Attempt]:
         yield partial(_constant, words), partial(solve, other)
     south = Site(-task.site.latitude, task.site.gravity, task.site.earth_rate)
     yield partial(_constant, "latitude has the other sign"), partial(solve, replace(task, site=south))
+    told = task.plan.rig.arm_continuous
+    if told is not None and not seen.known.all():
+        rig = task.plan.rig.model_copy(update={"arm_continuous": not told})
+        said = "had the same angle at every start" if told else "turned on from segment to segment"
+        yield (
+            partial(_constant, f"the arm {said} (rig.arm_continuous)"),
+            partial(solve, replace(task, plan=task.plan.model_copy(update={"rig": rig}))),
+        )
     if "mount" not in task.free:
         yield (
             partial(_constant, "the unit does not sit square on its gimbals"),

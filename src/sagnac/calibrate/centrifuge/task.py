@@ -187,7 +187,7 @@ class Task:
         sigma = np.where(self.known, 0.0, np.where(usable, np.maximum(scatter, 1e-9), np.inf))
         rate = np.where(self.known, self.planned_rate, self.rate)
         stated = np.where(self.by_column, 0.0, self.planned_rate)
-        return Seen(self.mid_time, self.known, angle, sigma, rate, self.rate_sigma, stated)
+        return Seen(self.mid_time, self.known, angle, sigma, rate, self.rate_sigma, stated, self.rate)
 
     def groups(self) -> tuple[Group, ...]:
         """Segments by what is used of them: all coefficients, the reading at the angle where the arm stands, or the mean."""

@@ -5,6 +5,8 @@ Segments whose arm phase nobody recorded have their angle at mid time from unkno
 1. The arm turns on through all segments of one planned rate: one phase and one rate for each planned rate.
 2. The arm passes the same angle at the start of every segment (a trigger): one phase, one rate for each planned rate.
 3. Every segment has its own phase and rate.
+
+The plan may say which of the first two it is (``rig.arm_continuous``).
 """
 
 from __future__ import annotations
@@ -41,6 +43,8 @@ class Seen:
         Found in the samples, or the planned one where the angle is known.
     stated : ndarray, shape (n,), rad/s
         What the plan says of the rate, as far as its uncertainty is that of the plan; zero where an arm column tells.
+    measured : ndarray, shape (n,), rad/s
+        Rate found in the samples, of the uncertainty `rate_sigma`; of use where that is finite.
     """
 
     mid_time: Array
@@ -50,13 +54,18 @@ class Seen:
     rate: Array
     rate_sigma: Array
     stated: Array
+    measured: Array
 
 
 class Hypothesis(NamedTuple):
-    """One way in which the arm may have turned, and its unknowns with start values from the data: one set, or several to try."""
+    """One way in which the arm may have turned, and its unknowns with start values from the data: one set, or several to try.
+
+    A loose one has unknowns for every segment: worth trying only where no other fits.
+    """
 
     words: str
     turnings: Callable[[], list[Turning]]
+    loose: bool = False
 
 
 def as_planned(seen: Seen, segments: Sequence[Segment], plan: Plan) -> Turning:
@@ -73,7 +82,8 @@ def as_planned(seen: Seen, segments: Sequence[Segment], plan: Plan) -> Turning:
     turning = Turning((), seen.angle.copy(), seen.rate.copy(), np.zeros((n, 0)), np.zeros((n, 0)))
     if plan.rig.rate_uncertainty > 0:
         since = seen.mid_time - np.array([s.start for s in segments])
-        error = Parameter("rig.rate_error", "1", 0.0, 0.01, prior_sigma=plan.rig.rate_uncertainty, nuisance=True)
+        first = rate_error(seen, plan)
+        error = Parameter("rig.rate_error", "1", first, 0.01, prior_sigma=plan.rig.rate_uncertainty, nuisance=True)
         turning = _with(turning, error, seen.stated * since * seen.known, seen.stated)
     if plan.rig.phase_uncertainty > 0 and seen.known.any():
         offset = Parameter(
@@ -81,6 +91,24 @@ def as_planned(seen: Seen, segments: Sequence[Segment], plan: Plan) -> Turning:
         )
         turning = _with(turning, offset, seen.known.astype(float), np.zeros(n))
     return turning
+
+
+def rate_error(seen: Seen, plan: Plan) -> float:
+    """Relative error of the plan's rates that the samples show, as far as the plan allows for one.
+
+    Parameters
+    ----------
+    seen : Seen
+    plan : Plan
+        ``rig.rate_uncertainty``, five of which are the limit.
+    """
+    at = np.isfinite(seen.rate_sigma) & (seen.stated != 0)
+    if not at.any():
+        return 0.0
+    relative = seen.measured[at] / seen.stated[at] - 1.0
+    weight = (seen.stated[at] / np.maximum(seen.rate_sigma[at], 1e-300)) ** 2
+    limit = 5.0 * plan.rig.rate_uncertainty
+    return float(np.clip(np.average(relative, weights=weight / weight.max()), -limit, limit))
 
 
 def _with(turning: Turning, parameter: Parameter, to_angle: Array, to_rate: Array) -> Turning:
@@ -114,7 +142,7 @@ def freed(turning: Turning, what: str, seen: Seen, segments: Sequence[Segment]) 
 
 
 def hypotheses(seen: Seen, segments: Sequence[Segment], plan: Plan) -> list[Hypothesis]:
-    """The three ways in their order.
+    """The three ways in their order, or the one that the plan says it was.
 
     Parameters
     ----------
@@ -135,16 +163,16 @@ def hypotheses(seen: Seen, segments: Sequence[Segment], plan: Plan) -> list[Hypo
             "arm_phase, or record the arm's angle"
         )
     start = as_planned(seen, segments, plan)
-    return [
-        Hypothesis(
-            "the arm turned on steadily through all segments of one rate", lambda: [_steady(start, seen, segments)]
-        ),
-        Hypothesis(
-            "the arm had one and the same angle at the start of every segment",
-            lambda: [_triggered(start, seen, segments)],
-        ),
-        Hypothesis("the arm had a phase and a rate of its own in every segment", lambda: _own(start, seen, segments)),
-    ]
+    steady = Hypothesis(
+        "the arm turned on steadily through all segments of one rate", lambda: [_steady(start, seen, segments)]
+    )
+    triggered = Hypothesis(
+        "the arm had one and the same angle at the start of every segment", lambda: [_triggered(start, seen, segments)]
+    )
+    if plan.rig.arm_continuous is not None:
+        return [steady if plan.rig.arm_continuous else triggered]
+    own = "the arm had a phase and a rate of its own in every segment"
+    return [steady, triggered, Hypothesis(own, lambda: _own(start, seen, segments), loose=True)]
 
 
 def _by_rate(seen: Seen, segments: Sequence[Segment]) -> Iterator[tuple[str, NDArray[np.intp]]]:
