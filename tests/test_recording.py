@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyarrow import parquet
 
+from sagnac.calibrate import calibrate
+from sagnac.calibration import Calibration
+from sagnac.compensation import corrections
 from sagnac.errors import InputError, SagnacError
 from sagnac.formats import csv as csv_format
 from sagnac.formats import parquet as parquet_format
+from sagnac.observe.means import segment_means
+from sagnac.plan import Plan, Segment
 from sagnac.recording import from_arrays, header_parts, nominal_scale, open_recording, sample_interval
+from sagnac.verification import verify
 
 G = 9.80665
 DEG = math.pi / 180
@@ -81,6 +88,134 @@ def test_one_triad_is_enough(log, sensor, columns):
     assert getattr(recording.read(), other) is None
     with pytest.raises(InputError, match=f"this method needs the columns {other}_x, {other}_y, {other}_z"):
         recording.need(other)
+
+
+SINGLE = [(["accel_z"], []), (["accel_x", "accel_z"], []), (["accel_y"], ["gyro"]), (["accel_y", "gyro_x"], [])]
+
+
+@pytest.mark.parametrize(("single", "whole"), SINGLE)
+def test_axes_of_an_incomplete_triad_stand_alone(log, monkeypatch, single, whole):
+    monkeypatch.setattr(csv_format, "_BLOCK", 2000)
+    columns = [
+        0,
+        *(1 + AXES.index(a) for s in whole for a in AXES if a.startswith(s)),
+        *(1 + AXES.index(a) for a in single),
+    ]
+    recording = open_recording(csv(log, RAW[:, columns].tolist(), [HEADER[i] for i in columns]))
+    assert recording.single == frozenset(single)
+    assert recording.has == frozenset(whole)
+    assert recording.other == ()
+    batches = list(recording.batches())
+    assert len(batches) > 2
+    for axis in single:
+        unit = G if axis.startswith("accel") else DEG
+        np.testing.assert_array_equal(
+            np.concatenate([b.single[axis] for b in batches]), RAW[:, 1 + AXES.index(axis)] * unit
+        )
+    assert all(set(b.single) == set(single) for b in batches)
+    assert all((b.accel is None) == ("accel" not in whole) for b in batches)
+    memory = from_arrays(
+        RAW[:, 0],
+        gyro=RAW[:, 4:] * DEG if whole else None,
+        single={a: RAW[:, 1 + AXES.index(a)] * (G if a.startswith("accel") else DEG) for a in single},
+    )
+    assert (memory.single, memory.has) == (recording.single, recording.has)
+    (batch,) = memory.batches()
+    for axis in single:
+        np.testing.assert_array_equal(batch.single[axis], np.concatenate([b.single[axis] for b in batches]))
+
+
+@pytest.mark.parametrize(("single", "whole"), SINGLE)
+def test_what_needs_whole_triads_says_which_axes_lack(log, single, whole):
+    columns = [
+        0,
+        *(1 + AXES.index(a) for s in whole for a in AXES if a.startswith(s)),
+        *(1 + AXES.index(a) for a in single),
+    ]
+    recording = open_recording(csv(log, RAW[:, columns].tolist(), [HEADER[i] for i in columns]))
+    sensor = single[0].partition("_")[0]
+    lacking = ", ".join(a for a in AXES if a.startswith(sensor) and a not in single)
+    says = re.escape(f"{log}: {sensor} lacks {lacking}; rename columns with --map")
+    plan = Plan(segment=(Segment(name="1", start=0.1, stop=1.0),), gravity=9.8)
+    calibration = Calibration.model_validate(
+        {
+            "method": "norm",
+            "parameters": [{"name": "accel.bias.x", "value": 0.0, "unit": "m/s^2", "standard_uncertainty": 1.0}],
+            "covariance": [[1.0]],
+            "fit": {"chi2": 1, "degrees_of_freedom": 1, "residual_rms": 1, "converged": True, "iterations": 1},
+            "site": {"gravity": 9.8},
+            "software": {"version": "0"},
+            "created": "2020-01-01T00:00:00+00:00",
+        }
+    )
+    for method in (
+        recording.read,
+        recording.need_whole,
+        lambda: recording.need("accel"),
+        lambda: recording.need("gyro"),
+        lambda: segment_means(recording, plan),
+        lambda: calibrate("norm", recording),
+        lambda: calibrate("multi-position", recording, plan),
+        lambda: corrections(calibration, recording),
+        lambda: verify(calibration, recording, plan),
+    ):
+        with pytest.raises(InputError, match=says):
+            method()
+
+
+@pytest.mark.parametrize("row", [1, 150, N])
+def test_single_axes_are_checked_like_others(log, row):
+    raw = RAW[:, [0, 3]].tolist()
+    raw[row - 1][1] = "nan"
+    recording = open_recording(csv(log, raw, [HEADER[0], HEADER[3]]))
+    with pytest.raises(InputError, match=rf"row {row}: accel_z is missing or not a number"):
+        list(recording.batches())
+
+
+def test_single_axes_in_counts_and_with_a_scale(log):
+    header = ["time [s]", "accel_x [LSB]", "accel_z [LSB]", "gyro_z [pulse]"]
+    csv(log, RAW[:, [0, 1, 3, 6]].tolist(), header)
+    recording = open_recording(log)
+    assert recording.counts == {"accel", "gyro"}
+    np.testing.assert_array_equal(next(recording.batches()).single["accel_z"], RAW[:, 3])
+    recording = open_recording(log, scale={"accel": "16384 LSB/g", "gyro": "2 pulse/arcsec"})
+    assert recording.counts == frozenset()
+    assert recording.increments == {"gyro"}
+    assert recording.scale == {"accel": "16384 LSB/g", "gyro": "2 pulse/arcsec"}
+    batch = next(recording.batches())
+    np.testing.assert_allclose(batch.single["accel_z"], RAW[:, 3] * G / 16384, rtol=1e-14)
+    np.testing.assert_allclose(batch.single["gyro_z"], RAW[:, 6] / 2 * DEG / 3600 / 0.01, rtol=1e-9)
+    csv(log, RAW[:, [0, 1, 3]].tolist(), ["time [s]", "accel_x [g]", "accel_z [LSB]"])
+    assert "some accel columns are counts and others are not; give --scale for all of them" in refusal(log)
+
+
+def test_names_of_the_rig_columns(log):
+    header = [*HEADER, "arm [deg]", "temperature [degC]"]
+    assert open_recording(csv(log, [[*r, 90.0, 20.0] for r in rows()], header)).rig == {"arm", "temperature"}
+    assert from_arrays(RAW[:, 0], RAW[:, 1:4], rig={"arm": RAW[:, 1]}).rig == {"arm"}
+    assert from_arrays(RAW[:, 0], RAW[:, 1:4]).rig == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"single": {"accel_w": [1.0, 2.0]}}, "'accel_w' is no axis (accel_x, ... gyro_z)"),
+        ({"single": {"accel_z": [1.0]}}, "accel_z has shape (1,), time has 2 samples"),
+        (
+            {"accel": np.zeros((2, 3)), "single": {"accel_z": [1.0, 2.0]}},
+            "accel is given as a whole and by single axes",
+        ),
+        (
+            {"single": {f"gyro_{a}": [1.0, 2.0] for a in "xyz"}},
+            "the single axes make gyro whole; give gyro, shape (n, 3)",
+        ),
+    ],
+)
+def test_single_axes_that_do_not_fit(options, says):
+    with pytest.raises(InputError) as caught:
+        from_arrays([0.0, 1.0], name="mine", **options)
+    assert str(caught.value).startswith("mine: ")
+    assert says in str(caught.value)
 
 
 def test_rig_columns(log):

@@ -352,3 +352,12 @@ def test_gaps_outside_the_segments_do_not_matter():
     time, accel, gyro = noisy(30)
     keep = (time < 15) | (time > 19)
     assert segment_means(from_arrays(time[keep], accel[keep], gyro[keep]), plan(*SPANS)).remarks == ()
+
+
+def test_a_change_of_temperature_is_noted():
+    time = np.arange(0.0, 20.0, 0.1)
+    noise = np.random.default_rng(1).standard_normal((time.size, 3))
+    for change, noted in ((2.0, False), (15.0, True)):
+        warm = from_arrays(time, accel=noise, rig={"temperature": 290.0 + change * time / 20.0})
+        remarks = segment_means(warm, plan((0, 10), (10, 19))).remarks
+        assert any("temperature changed by 15 K" in r for r in remarks) is noted

@@ -22,6 +22,7 @@ from ..recording import Recording
 from ..rigs.turntable import Site, attitude, averaging
 
 _POOR = 2.0
+_FAR = 4.0  # times the stated uncertainty of what the plan says
 _NOMINAL = 1e-10
 """Noise, relative to the readings, that stands in until the residuals tell: so small that no prior outweighs data."""
 
@@ -217,10 +218,19 @@ def _used(fits: Sequence[Estimate], labels: Sequence[str]) -> str:
     return " / ".join(f"{label}: {e.used}" for e, label in zip(fits, labels, strict=True))
 
 
-def misfit_remarks(fit: Estimate, noise_known: bool) -> list[str]:
-    """A word where the residuals are far beyond what the stated noise and uncertainty allow."""
+def prior_remarks(fit: Estimate) -> list[str]:
+    """A word on what came out far from what the plan says of it, in units of its stated uncertainty."""
+    return [
+        f"{p.name} came out {abs(v - p.prior) / p.prior_sigma:.3g} times its stated uncertainty away from the plan"
+        for p, v in zip(fit.parameters, fit.value, strict=True)
+        if np.isfinite(p.prior_sigma) and p.prior_sigma > 0 and abs(v - p.prior) > _FAR * p.prior_sigma
+    ]
+
+
+def misfit_remarks(fit: Estimate, noise_known: bool, poor: float = _POOR) -> list[str]:
+    """A word where the residuals are far beyond what the stated noise and uncertainty allow, by `poor` times at least."""
     times = np.sqrt(fit.chi2 / max(fit.degrees_of_freedom, 1))
-    if not noise_known or fit.degrees_of_freedom < 1 or times < _POOR or fit.p_value > 1e-6:
+    if not noise_known or fit.degrees_of_freedom < 1 or times < poor or fit.p_value > 1e-6:
         return []
     text = (
         f"the fit is poor: residuals are {times:.3g} times what noise and stated uncertainty allow; check the plan's angles, "

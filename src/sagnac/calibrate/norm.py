@@ -138,7 +138,7 @@ def _earth_at_rest(solution: Solution) -> list[str]:
     spread = float(np.std(seen)) / np.sqrt(rest.size) + float(np.sqrt(rounding.max())) / np.abs(np.diag(matrix)).min()
     sigma = float(np.sqrt(weight @ fit.covariance[np.ix_(at, at)] @ weight)) + spread
     missed = float(seen.mean()) - model.up_rate
-    if abs(missed) < 6.0 * sigma or abs(missed) < 0.1 * case.plan.earth_rate:
+    if abs(missed) < 6.0 * sigma or abs(missed) < 0.02 * case.plan.earth_rate:
         return []
     hourly = np.degrees([seen.mean(), model.up_rate]) * 3600.0
     text = (

@@ -65,6 +65,7 @@ def calibrate_means(
     remarks += common.misfit_remarks(fit, not robust)
     if remarks and remarks[-1].startswith("the fit is poor"):
         remarks[-1] += _suspect(model, parameters, means)
+    remarks += common.prior_remarks(fit)
     return _report(fit, model, means, plan, recording, remarks)
 
 

@@ -207,8 +207,8 @@ class _Run:
 def _refuse_undersampled(name: str, rate: float, interval: float, order: int) -> None:
     if order * abs(rate) * interval >= math.pi:
         raise DataError(
-            f"{name}: harmonic {order} of {rate:.6g} rad/s lies above half the sampling frequency ({0.5 / interval:.4g} Hz): take "
-            "a lower order"
+            f"{name}: harmonic {order} of {rate:.6g} rad/s lies above half the sampling frequency ({0.5 / interval:.4g} Hz): "
+            "take a lower order"
         )
 
 

@@ -8,7 +8,7 @@ tilt, which come round once a turn.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from .sums import BLOCKS, Sums
 _DITHERED = 0.4  # noise, in steps of the converter, from which averaging takes the rounding away
 _FINEST_STEP = 1e-5  # of the range: a converter of 17 bits
 _TELLING = 4  # different values from which a common step is no accident
+_WARMED = 3.0  # K
 _MOVING = 100.0  # times the usual noise, and
 _MOVED = 1e-3  # of the range over all segments: no noise
 
@@ -117,7 +118,9 @@ def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
     sensors = [s for s in SENSORS if s in recording.has]
     sums = [Sums(s, 3 * len(sensors)) for s in plan.segment]
     interval, first, last, gaps = np.nan, np.nan, np.nan, []
+    warmth: list[float] = []
     for batch in recording.batches():
+        warmth += _extremes(batch.rig.get("temperature"))
         if np.isnan(interval) and batch.time.size > 1:
             interval = sample_interval(batch.time)
         first = batch.time[0] if np.isnan(first) else first
@@ -132,7 +135,26 @@ def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
                 part.add(time[i:j], values[i:j], interval if np.isfinite(interval) else np.inf)
     refuse_outside(recording.name, sums, float(first), last, interval)
     refuse_saturated(recording.name, sums, axis_names(recording))
-    return _gather(recording, sums, sensors, interval, gaps, (float(first), last))
+    found = _gather(recording, sums, sensors, interval, gaps, (float(first), last))
+    return replace(found, remarks=(*found.remarks, *_warmth_remarks(warmth)))
+
+
+def _extremes(temperature: Array | None) -> list[float]:
+    """Least and greatest temperature of a batch, K."""
+    known = temperature[np.isfinite(temperature)] if temperature is not None else np.zeros(0)
+    return [float(known.min()), float(known.max())] if known.size else []
+
+
+def _warmth_remarks(temperatures: list[float]) -> list[str]:
+    """A word where the temperature changed: no method has a term for it."""
+    change = max(temperatures, default=0.0) - min(temperatures, default=0.0)
+    if change < _WARMED:
+        return []
+    text = (
+        f"the temperature changed by {change:.2g} K during the recording, and no term of the model follows it: biases and "
+        "scales are those of some temperature between"
+    )
+    return [text]
 
 
 def _gaps(batch: Batch, last: float, interval: float) -> list[tuple[float, float]]:

@@ -32,14 +32,14 @@ from ...errors import DataError, InputError
 from ...frames import Array
 from ...plan import Plan
 from ...recording import Recording
-from ...rigs.centrifuge import series
+from ...rigs.centrifuge import EFFECTS, series
 from ...sensors import Axis
 from ...sensors.series import response
 from .. import common
-from .task import Task
+from .report import SOURCES
+from .task import PAIRS, Task
 
 TERMS = ("bias", "scale_error", "k2", "k3", "kip")
-_PAIRS = {"x": (), "y": ("yx",), "z": ("zx", "zy")}
 _GAMMAS = np.array([0.0, np.pi / 2.0, np.pi])
 _NEAR = 1e-3  # rad: as near as a setting must be to the published ones
 _C1, _S1, _C2, _S2, _C3, _S3 = range(1, 7)  # places of the harmonics in a row of coefficients
@@ -118,12 +118,12 @@ def published(letter: str, centripetal: float, coriolis: float, gravity: float) 
     -------
     Linear
     """
-    axis = Axis("accel", letter, TERMS, _PAIRS[letter])
+    axis = Axis("accel", letter, TERMS, PAIRS[f"accel_{letter}"])
     a = centripetal / gravity
     rows = {"x": _x, "y": lambda v: _y(v, v + coriolis / gravity), "z": _z}[letter](a)
     # back from units of gravity: amplitudes are divided by it, K0 and the higher terms multiplied with its powers
     powers = {"bias": 1.0, "k2": -1.0, "k3": -2.0, "kip": -1.0}
-    keys = (*TERMS, *_PAIRS[letter])
+    keys = (*TERMS, *axis.misalignments)
     size = np.array([gravity ** powers.get(key, 0.0) for key in keys])
     constant = np.array([-1.0 if key == "scale_error" else 0.0 for key in keys])
     return Linear(axis, constant, np.stack([rows[key].ravel() for key in keys]) * (size / gravity)[:, None])
@@ -167,7 +167,10 @@ def pick(rates: Array, settings: Array, counter_rotating: bool) -> list[list[int
 def calibrate(
     task: Task, plan: Plan, recording: Recording | None, span: tuple[float, float], remarks: Sequence[str]
 ) -> Calibration:
-    """The accelerometers by the published equations, with the noise that goes into them and what they leave out.
+    """The accelerometers by the published equations, with the uncertainties that go into them and what they leave out.
+
+    The stated uncertainties of the rig change the amplitudes, and with them the parameters, as the exact model says, to first
+    order. The equations leave no degree of freedom: nothing in the result says how well they describe the data.
 
     Parameters
     ----------
@@ -188,10 +191,14 @@ def calibrate(
     DataError
         When there are no such segments or no accelerometers.
     InputError
-        When a segment's arm phase is not known, or the platform is fixed to the arm.
+        When a segment's arm phase is not known, the arm's rate is uncertain, or the platform is fixed to the arm.
     """
     from scipy.linalg import block_diag
 
+    if plan.rig.rate_uncertainty > 0:
+        raise InputError(
+            "the published closed form takes arm_rate as exact, and the plan states rig.rate_uncertainty; leave out --closed-form"
+        )
     if not (task.known.all() and np.allclose(np.exp(1j * (task.planned_angle - task.phase)), 1.0, atol=1e-9)):
         raise InputError(
             "the published closed form needs arm_phase of every segment in the plan; leave out --closed-form"
@@ -205,15 +212,19 @@ def calibrate(
     values, _ = task.plain()
     names: list[str] = []
     units: list[str] = []
-    found, left, blocks = np.zeros(0), np.zeros(0), []
+    found, left, blocks, moved = np.zeros(0), np.zeros(0), [], []
     for j in accels:
         linear = published(task.sensors[j].axis, a, a1, task.site.gravity)
         x = linear(np.stack([values[at, j].mean(axis=0) for at in chosen]))
         blocks.append(linear.matrix @ _amplitude_covariance(task, j, chosen) @ linear.matrix.T)
         names, units = [*names, *linear.axis.names], [*units, *linear.axis.units]
-        left = np.append(left, linear(_exact(task, linear, x, chosen)) - x)
+        exact, slopes = _exact(task, linear, x, chosen)
+        left = np.append(left, linear(exact) - x)
+        moved.append(linear.matrix @ slopes)
         found = np.append(found, x)
-    covariance = np.asarray(block_diag(*blocks))
+    noise = np.asarray(block_diag(*blocks))
+    lines, rig = _by_rig(task, np.vstack(moved), [len(at) for at in chosen])
+    covariance = noise + rig
     sigma = np.sqrt(np.diag(covariance))
     times = np.abs(left) / sigma
     note = (
@@ -221,7 +232,8 @@ def calibrate(
         f"says, {times.max():.2g} standard uncertainties in {names[int(np.argmax(times))]}, and the uncertainties do not show it"
     )
     budget = (
-        BudgetLine(source="noise", standard_uncertainty=tuple(sigma.tolist())),
+        BudgetLine(source="noise", standard_uncertainty=tuple(np.sqrt(np.diag(noise)).tolist())),
+        *lines,
         BudgetLine(source="truncation, not counted", standard_uncertainty=tuple(np.abs(left).tolist())),
     )
     fit = Fit(chi2=0.0, degrees_of_freedom=0, residual_rms=0.0, converged=True, iterations=0, uncertainty="noise")
@@ -250,8 +262,49 @@ def _amplitude_covariance(task: Task, j: int, chosen: Sequence[Sequence[int]]) -
     return out
 
 
-def _exact(task: Task, linear: Linear, x: Array, chosen: Sequence[Sequence[int]]) -> Array:
-    """Amplitudes (3, 7) that the exact model predicts."""
+def _exact(task: Task, linear: Linear, x: Array, chosen: Sequence[Sequence[int]]) -> tuple[Array, Array]:
+    """Amplitudes (3, 7) that the exact model predicts, and their derivatives (21, 14).
+
+    Those are to radius, the two tilts and gravity, to the arm's phase, and to alpha, beta, gamma at each of the three gammas.
+    """
     at = [segments[0] for segments in chosen]
     felt = series(task.arm, task.site, task.planned_rate[at], task.settings[at])
-    return response(linear.axis, x, felt.force, felt.rate, order=3).value
+    said = response(linear.axis, x, felt.force, felt.rate, order=3)
+    to_effects = said.to_force.reshape(3, COUNT, 9) @ felt.to_force.reshape(3, 9, len(EFFECTS))
+    out = np.zeros((3, COUNT, 14))
+    out[..., :4] = to_effects[..., :4]
+    h = np.arange(1, 4)
+    # amplitudes of an arm that is ahead by d: c cos h(th + d) + s sin h(th + d)
+    out[:, 1::2, 4], out[:, 2::2, 4] = h * said.value[:, 2::2], -h * said.value[:, 1::2]
+    for k in range(3):
+        out[k, :, 5 + 3 * k : 8 + 3 * k] = to_effects[k, :, 5:]
+    return said.value, out.reshape(3 * COUNT, 14)
+
+
+def _by_rig(task: Task, moved: Array, counts: Sequence[int]) -> tuple[list[BudgetLine], Array]:
+    """Budget and covariance of what the plan says to be uncertain.
+
+    Parameters
+    ----------
+    task : Task
+    moved : ndarray, shape (k, 14)
+        Derivatives of the parameters, see :func:`_exact`.
+    counts : sequence of int
+        Segments at each gamma, which have setting errors of their own.
+    """
+    rig = task.plan.rig
+    stated = {
+        SOURCES["rig.radius"]: [rig.radius_uncertainty],
+        SOURCES["rig.tilt.x"]: [rig.axis_uncertainty] * 2,
+        SOURCES["rig.gravity"]: [task.plan.gravity_uncertainty],
+        SOURCES["rig.phase_error"]: [rig.phase_uncertainty],
+        "gimbal settings": np.repeat(task.setting_sigma / np.sqrt(counts), 3).tolist(),
+    }
+    lines, covariance, at = [], np.zeros((len(moved), len(moved))), 0
+    for source, sigmas in stated.items():
+        parts = moved[:, at : at + len(sigmas)] * sigmas
+        at += len(sigmas)
+        if any(sigmas):
+            covariance += parts @ parts.T
+            lines.append(BudgetLine(source=source, standard_uncertainty=tuple(np.linalg.norm(parts, axis=1).tolist())))
+    return lines, covariance

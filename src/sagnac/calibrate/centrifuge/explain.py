@@ -50,7 +50,7 @@ def _nominal(task: Task) -> dict[str, Array]:
     """Series of the inputs along x, y, z as (n, 3) of mean, cosine and sine, in the angle of the coefficients."""
     felt = series(task.arm, task.site, task.planned_rate, task.settings)
     seen = task.look()
-    told = as_planned(seen, task.segments, task.plan)  # where the rate is uncertain, with that of the samples
+    told = as_planned(seen, task.segments, task.plan)  # uncertain rates and phases as the samples show them
     ahead = told.to_angle @ [p.start for p in told.parameters]
     apart = np.where(np.isfinite(seen.angle_sigma), seen.angle + ahead - task.phase, 0.0)
     c, s = np.cos(apart)[:, None], np.sin(apart)[:, None]

@@ -20,7 +20,7 @@ _FAR = 4.0
 """Standard deviations from which what was known beforehand and the data contradict each other."""
 _FOURTH = 5.0
 """Standard deviations from which a fourth harmonic is more than noise."""
-_SOURCES = {
+SOURCES = {
     "rig.radius": "arm radius",
     "rig.tilt.x": "tilt of the arm's axis",
     "rig.tilt.y": "tilt of the arm's axis",
@@ -28,6 +28,7 @@ _SOURCES = {
     "rig.rate_error": "arm rate",
     "rig.phase_error": "arm phase",
 }
+"""Lines of the budget, by the unknown of the rig that they come from."""
 
 
 def report(
@@ -132,7 +133,7 @@ def _budget(fitted: Fitted, order: Sequence[int]) -> tuple[BudgetLine, ...]:
     inner = _white_covariance(fitted)
     for i, p in enumerate(found.parameters):
         if np.isfinite(p.prior_sigma):
-            add(_SOURCES.get(p.name, "held parameters"), np.abs(inner[:, i]) / p.prior_sigma)
+            add(SOURCES.get(p.name, "held parameters"), np.abs(inner[:, i]) / p.prior_sigma)
     extra = np.maximum(np.diag(found.covariance) - found.white**2, 0.0)
     if found.used != "white" and np.any(extra > 0):
         lines["scatter beyond noise and stated uncertainty"] = np.sqrt(extra)

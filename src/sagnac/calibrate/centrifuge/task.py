@@ -183,11 +183,23 @@ class Task:
             clear = np.maximum(clear, np.abs(expected))
         usable = self.turns & (clear > _CLEAR * centripetal)
         scatter = np.sqrt((covariance[:, 1, 1] + covariance[:, 2, 2]) / 2.0 / np.maximum(found, 1e-300))
-        angle = np.where(self.known, np.nan_to_num(self.planned_angle), self.phase + np.angle(told))
-        sigma = np.where(self.known, 0.0, np.where(usable, np.maximum(scatter, 1e-9), np.inf))
+        shown, shown_sigma = self.phase + np.angle(told), np.where(usable, np.maximum(scatter, 1e-9), np.inf)
+        angle = np.where(self.known, np.nan_to_num(self.planned_angle), shown)
+        sigma = np.where(self.known, 0.0, shown_sigma)
         rate = np.where(self.known, self.planned_rate, self.rate)
         stated = np.where(self.by_column, 0.0, self.planned_rate)
-        return Seen(self.mid_time, self.known, angle, sigma, rate, self.rate_sigma, stated, self.rate)
+        return Seen(
+            mid_time=self.mid_time,
+            known=self.known,
+            angle=angle,
+            angle_sigma=sigma,
+            rate=rate,
+            rate_sigma=self.rate_sigma,
+            stated=stated,
+            measured=self.rate,
+            shown=shown,
+            shown_sigma=shown_sigma,
+        )
 
     def groups(self) -> tuple[Group, ...]:
         """Segments by what is used of them: all coefficients, the reading at the angle where the arm stands, or the mean."""

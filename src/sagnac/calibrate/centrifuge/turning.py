@@ -25,6 +25,7 @@ from ...plan import Plan, Segment
 from .model import Turning
 
 _PHASE_SCALE, _RATE_SCALE = 0.01, 0.01
+_FAR = 5.0  # stated uncertainties up to which the samples set a start value
 _LOST = 0.5  # rad: beyond this standard deviation the turns between two segments cannot be counted
 
 
@@ -45,6 +46,8 @@ class Seen:
         What the plan says of the rate, as far as its uncertainty is that of the plan; zero where an arm column tells.
     measured : ndarray, shape (n,), rad/s
         Rate found in the samples, of the uncertainty `rate_sigma`; of use where that is finite.
+    shown, shown_sigma : ndarray, shape (n,), rad
+        Angle at mid time that the samples show, whether it is known or not; infinitely uncertain where they do not tell.
     """
 
     mid_time: Array
@@ -55,6 +58,8 @@ class Seen:
     rate_sigma: Array
     stated: Array
     measured: Array
+    shown: Array
+    shown_sigma: Array
 
 
 class Hypothesis(NamedTuple):
@@ -86,8 +91,9 @@ def as_planned(seen: Seen, segments: Sequence[Segment], plan: Plan) -> Turning:
         error = Parameter("rig.rate_error", "1", first, 0.01, prior_sigma=plan.rig.rate_uncertainty, nuisance=True)
         turning = _with(turning, error, seen.stated * since * seen.known, seen.stated)
     if plan.rig.phase_uncertainty > 0 and seen.known.any():
+        first = phase_error(seen, plan, turning)
         offset = Parameter(
-            "rig.phase_error", "rad", 0.0, _PHASE_SCALE, prior_sigma=plan.rig.phase_uncertainty, nuisance=True
+            "rig.phase_error", "rad", first, _PHASE_SCALE, prior_sigma=plan.rig.phase_uncertainty, nuisance=True
         )
         turning = _with(turning, offset, seen.known.astype(float), np.zeros(n))
     return turning
@@ -107,8 +113,28 @@ def rate_error(seen: Seen, plan: Plan) -> float:
         return 0.0
     relative = seen.measured[at] / seen.stated[at] - 1.0
     weight = (seen.stated[at] / np.maximum(seen.rate_sigma[at], 1e-300)) ** 2
-    limit = 5.0 * plan.rig.rate_uncertainty
+    limit = _FAR * plan.rig.rate_uncertainty
     return float(np.clip(np.average(relative, weights=weight / weight.max()), -limit, limit))
+
+
+def phase_error(seen: Seen, plan: Plan, turning: Turning) -> float:
+    """Error common to the plan's phases that the samples show, as far as the plan allows for one.
+
+    Parameters
+    ----------
+    seen : Seen
+    plan : Plan
+        ``rig.phase_uncertainty``, five of which are the limit.
+    turning : Turning
+        Angles as known, with the start values of its unknowns.
+    """
+    at = seen.known & np.isfinite(seen.shown_sigma)
+    if not at.any():
+        return 0.0
+    told = turning.angle + turning.to_angle @ np.array([p.start for p in turning.parameters])
+    weight = (seen.shown_sigma[at].min() / seen.shown_sigma[at]) ** 2
+    limit = _FAR * plan.rig.phase_uncertainty
+    return float(np.clip(np.angle(weight @ np.exp(1j * (seen.shown - told)[at])), -limit, limit))
 
 
 def _with(turning: Turning, parameter: Parameter, to_angle: Array, to_rate: Array) -> Turning:

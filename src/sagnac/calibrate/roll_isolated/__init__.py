@@ -322,7 +322,8 @@ def nuisances(seen: Look, plan: Plan) -> list[Parameter]:
 
 
 def _findings(fit: Estimate, plan: Plan) -> list[str]:
-    out = common.misfit_remarks(fit, noise_known=True)
+    # many parts to a segment: what is wrong in the plan moves the chi-square little and its probability much
+    out = [*common.misfit_remarks(fit, noise_known=True, poor=1.0), *common.prior_remarks(fit)]
     value, sigma = dict(zip(fit.names, fit.value, strict=True)), dict(zip(fit.names, fit.sigma, strict=True))
     if abs(value[HALF_ANGLE]) < 3.0 * sigma[HALF_ANGLE]:
         out.append("the cone is no larger than its uncertainty: its phase means nothing")
@@ -332,7 +333,7 @@ def _findings(fit: Estimate, plan: Plan) -> list[str]:
         if abs(off) > max(1e-4, 3.0 * plan.rig.rate_uncertainty):
             out.append(
                 f"segment {n.removeprefix('rig.spin_rate.')!r} spun at {math.degrees(value[n]):.8g} deg/s by encoder and gyro_x, "
-                f"{off:.2g} off spin_rate; their value is used"
+                f"{off:.2g} (relative) off spin_rate; their value is used"
             )
     return out
 
