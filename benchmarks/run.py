@@ -12,6 +12,7 @@ from unittest import mock
 import numpy as np
 from scipy.optimize import least_squares
 
+import harmonics
 import plain
 import simulate
 from sagnac.calibrate import common, hand_turned, norm, table
@@ -164,6 +165,8 @@ def main() -> None:
         print(
             f"| {name:<52} | {ours * 1e3:>9.1f} | {baseline * 1e3:>13.1f} | {baseline / ours:>6.1f} | {against:<34} |"
         )
+    print()
+    harmonics.main()
     print()
     simulate.main()
 
