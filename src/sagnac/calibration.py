@@ -307,6 +307,8 @@ def _fit_lines(cal: Calibration) -> list[str]:
     fit = cal.fit
     p_text = "" if fit.p_value is None else f", probability {fit.p_value:.2g}"
     lines = [f"  chi-square {fit.chi2:.4g} for {fit.degrees_of_freedom} degrees of freedom{p_text}"]
+    if fit.degrees_of_freedom == 0:
+        lines = ["  as many readings as unknowns: nothing is left to judge the fit by"]
     meaning = {
         "white": "the noise explains the scatter between segments; uncertainties follow from it",
         "scaled": "from the noise, scaled by the scatter of the residuals, which it does not explain or which is all there is",

@@ -16,7 +16,7 @@ from ..recording import SENSORS, Recording
 from ..rigs import centrifuge
 from ..rigs.turntable import Site, mean_inputs
 from ..sensors import Axis
-from ..sensors.series import response
+from ..sensors.series import basis, response
 from ..simulate import roll_isolated
 
 _INTERVAL = 0.01  # s: any that is short against the turns gives the same means
@@ -99,6 +99,10 @@ def centrifuge_harmonics(plan: Plan, sensors: Sequence[str]) -> SegmentHarmonics
     felt = centrifuge.series(arm, site, rates, settings)
     ideal = [Axis(a.partition("_")[0], a[-1], ()) for a in axes]
     values = np.stack([response(a, np.zeros(0), felt.force, felt.rate, _ORDER).value for a in ideal], axis=1)
+    still = rates == 0
+    if not plan.rig.counter_rotating:  # at rest a unit fixed to the arm reads what is felt at the arm's angle
+        values[still, :, 0] = np.einsum("nmc,nc->nm", values[still], basis(phase[still], _ORDER))
+    values[still, :, 1:] = 0.0
     unsure = asks_for_rate(plan)
     if unsure:
         values = np.concatenate([values, np.zeros((n, len(axes), 2 * _ORDER))], axis=2)
@@ -150,8 +154,8 @@ def _harmonic_covariance(segment: Segment, middle: float, extended: bool) -> Arr
         terms += [np.cos(h * angle), np.sin(h * angle)]
     if extended:
         terms += [since * t for t in terms[1:]]
-    basis = np.column_stack(terms)
-    return np.asarray(np.linalg.inv(basis.T @ basis) * count * _INTERVAL / hold)
+    design = np.column_stack(terms)
+    return np.asarray(np.linalg.inv(design.T @ design) * count * _INTERVAL / hold)
 
 
 def roll_recording(plan: Plan) -> tuple[Recording, str]:

@@ -10,9 +10,6 @@ import numpy as np
 LOW, HIGH, AT_LOW, AT_HIGH, RUN_LOW, RUN_HIGH, LONGEST_LOW, LONGEST_HIGH, SQUARED_STEPS, FINEST, LAST = range(11)
 """Columns of the state of :func:`look`."""
 
-PART = 512
-"""Samples that are summed at once against the table; a block has up to four such parts."""
-_HALF = PART // 2
 _QUICK = {"reassoc", "contract"}  # sums may be taken in any order: several lanes at once
 
 
@@ -77,92 +74,8 @@ def _powers(th, out):  # type: ignore[no-untyped-def]
         out[m] = out[m // 2] * out[m - m // 2]
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _touch(samples, begin):  # type: ignore[no-untyped-def]
-    """Load of every cache line of a part, so that all of them are under way at once; in plain order, one by one. Returns zero."""
-    total = 0.0
-    for i in range(begin, begin + PART, 8):
-        total += samples[i]
-    return 0.0 * total
-
-
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=_QUICK)
-def _fold(samples, begin, zero, even, odd):  # type: ignore[no-untyped-def]
-    """Even and odd part of a block about its middle; sum, and sum of squares."""
-    middle = np.uint64(begin + _HALF)
-    below = middle - np.uint64(1)
-    total, squares, twice = 0.0, 0.0, 2.0 * zero
-    for i in range(_HALF):
-        j = np.uint64(i)  # an index that cannot be negative needs no check, and the loop runs in lanes
-        v, u = samples[middle + j], samples[below - j]
-        x, y = (v - twice) + u, v - u
-        even[i], odd[i] = x, y
-        total += x
-        squares += x * x + y * y
-    return total, 0.5 * squares
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=_QUICK)
-def _against(even, odd, rows, out):  # type: ignore[no-untyped-def]
-    """Sums of pairs of rows of the table, the first of even functions, the second of odd ones."""
-    for h in range(0, rows.shape[0], 2):
-        first, second = rows[h], rows[h + 1]
-        x, y = 0.0, 0.0
-        for j in range(_HALF):
-            x += even[j] * first[j]
-            y += odd[j] * second[j]
-        out[h], out[h + 1] = x, y
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=_QUICK)
-def _turned(sums, e, tau, out):  # type: ignore[no-untyped-def]
-    """Add sums about one angle and time (0) to those about another, from which they are apart by ``exp(i h th) = e`` and tau."""
-    top = 2 * e.size - 1
-    out[0] += sums[0]
-    for h in range(1, e.size):
-        c, s, j = e[h].real, e[h].imag, 2 * h - 1
-        x, y = c * sums[j] - s * sums[j + 1], s * sums[j] + c * sums[j + 1]
-        out[j] += x
-        out[j + 1] += y
-        if sums.size > top:
-            j += top - 1
-            out[j] += tau * x + c * sums[j] - s * sums[j + 1]
-            out[j + 1] += tau * y + s * sums[j] + c * sums[j + 1]
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=_QUICK)
-def _block(values, begin, end, centre, table, rotor, scratch, sums, squares):  # type: ignore[no-untyped-def]
-    """Sums of all axes over a block of samples about the middle of four parts, and the sums of squares."""
-    buffer, even, odd, near = scratch
-    axes, top = values.shape[1], 2 * rotor.shape[1] - 1
-    flat, rows, rows_tau, out, out_tau = values.reshape(-1), table[: top - 1], table[top - 1 :], near[1:], near[top:]
-    sums[:] = 0.0
-    squares[:] = 0.0
-    for q in range(rotor.shape[0]):
-        first, last = begin + q * PART, min(begin + (q + 1) * PART, end)
-        if first >= last:
-            break
-        for a in range(axes):
-            source, at = buffer, 0
-            if axes == 1 and last - first == PART:
-                source, at = flat, first
-                squares[a] += _touch(flat, first)
-            else:
-                for j in range(last - first):
-                    buffer[j] = values[first + j, a]
-                for j in range(last - first, PART):
-                    buffer[j] = centre[a]
-            total, more = _fold(source, at, centre[a], even, odd)
-            near[0] = total
-            squares[a] += more
-            _against(even, odd, rows, out)
-            if near.size > top:
-                _against(odd, even, rows_tau, out_tau)
-            _turned(near, rotor[q], rotor[q, 0].imag, sums[a])
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=_QUICK)
-def harmonic_sums(  # type: ignore[no-untyped-def]
+def harmonic_sums(  # type: ignore[no-untyped-def] # noqa: PLR0915 - apart from its callers the loops lose their lanes
     values,
     size,
     turn,
@@ -171,7 +84,6 @@ def harmonic_sums(  # type: ignore[no-untyped-def]
     clock,
     angle,
     table,
-    rotor,
     moment,
     centre,
     reference,
@@ -184,16 +96,16 @@ def harmonic_sums(  # type: ignore[no-untyped-def]
 ):
     """Sums of the samples less a constant against ``1, cos h th, sin h th`` (and ``tau cos h th, tau sin h th``).
 
-    A regular block is summed in four parts against one table of sines and cosines about the middle of a part, for which the
-    samples are folded there (even and odd part); the sums are turned to the angle of the part in the block, and those of the
-    block to its own. Other blocks are summed sample by sample. The sum of squares is that of the difference from a reference
-    signal, taken block by block, so that a signal much larger than the noise costs few digits.
+    A regular block is summed against one table of sines and cosines about the middle of a full block, for which the samples
+    are folded there (even and odd part), and the block's sums are turned to its angle. Other blocks are summed sample by
+    sample. The sum of squares is that of the difference from a reference signal, taken block by block, so that a signal
+    much larger than the noise costs few digits.
 
     Parameters
     ----------
     values : ndarray, shape (n, axes)
     size : int
-        Samples in a block, up to four times `PART`; the last block may have fewer.
+        Samples in a block, no more than the table's; the last block may have fewer.
     turn : ndarray, shape (7,)
         Time, angle, rate: th(t) = turn[1] + turn[2] (t - turn[0]). Zero of tau. Sample interval. Cells in a second, counted
         from turn[0], and the cell of the first row of the outputs.
@@ -203,12 +115,10 @@ def harmonic_sums(  # type: ignore[no-untyped-def]
         Whether the samples of the block are evenly spaced and go by the turn.
     clock, angle : ndarray, shape (n,) or (0,), s and rad
         Time and th of each sample, read for blocks that are not regular; without `angle` the turn gives th.
-    table : ndarray, shape (k - 1, PART / 2)
+    table : ndarray, shape (k - 1, half)
         Upper half of the table: cos, sin of the harmonics, then tau cos, tau sin.
-    rotor : ndarray of complex, shape (4, order + 1)
-        exp(i h th) in the middle of each part, th zero in the middle of four parts; in place of h = 0, i times tau there.
     moment : ndarray of complex, shape (2, powers, 2 order + 1)
-        Sums of ``tau^p exp(i m th)`` over a block and over the last one, tau and th zero in the middle of four parts; powers is
+        Sums of ``tau^p exp(i m th)`` over a block and over the last one, tau and th zero in the middle of the table; powers is
         1, or 3 for the terms with tau.
     centre : ndarray, shape (axes,)
         Subtracted from the samples.
@@ -223,27 +133,35 @@ def harmonic_sums(  # type: ignore[no-untyped-def]
         Of tau, to the length of a block. All of these are added to; the last two only where `count` is true.
     count : bool
     """
-    n, k, powers, top = values.shape[0], sums.shape[2], moment.shape[1], moment.shape[2]
-    scratch = np.zeros(PART), np.empty(_HALF), np.empty(_HALF), np.empty(k)
-    local, whole, rest = np.empty((squares.size, k)), np.empty(k), np.empty(squares.size)
+    n, axes = values.shape
+    k, powers, top, half = sums.shape[2], moment.shape[1], moment.shape[2], table.shape[1]
+    order, last = top // 2, np.uint64(half - 1)
+    buffer, even, odd, local = np.zeros(2 * half), np.empty(half), np.empty(half), np.empty(k)
     e, z = np.ones(top, dtype=np.complex128), np.ones(top, dtype=np.complex128)
-    few = e[: rotor.shape[1]]
     start, phase, rate, zero, step, cells_per_second, first_cell = turn
+    flat = values.reshape(-1)
     for b in range(starts.size):
-        begin, end = b * size, min((b + 1) * size, n)
+        begin = b * size
+        m = min(size, n - begin)
         row = min(max(int((starts[b] - start) * cells_per_second - first_cell), 0), sums.shape[0] - 1)
         if count:
-            time_sums[row] += (end - begin) * (starts[b] - zero + 0.5 * (end - begin - 1) * step)
+            time_sums[row] += m * (starts[b] - zero + 0.5 * (m - 1) * step)
         if not regular[b]:
-            for i in range(begin, end):
+            for i in range(begin, begin + m):
                 th = angle[i] if angle.size > 0 else phase + rate * (clock[i] - start)
                 _one_by_one(
                     values[i], th, clock[i] - zero, centre, reference, e, sums[row], squares, moments[row], count
                 )
             continue
-        middle = starts[b] + 0.5 * (4 * PART - 1) * step
+        if axes == 1:
+            # one load of every cache line first, so that all of them are under way at once
+            ahead = 0.0
+            for i in range(begin, begin + m, 8):
+                ahead += flat[i]
+            squares[0] += 0.0 * ahead
+        middle = starts[b] + (half - 0.5) * step
+        w, t = 0 if m == size else 1, middle - zero
         _powers(phase + rate * (middle - start), e)
-        w, t = 0 if end - begin == size else 1, middle - zero
         for h in range(top):
             z[h] = e[h] * moment[w, 0, h]
         for h in range(top if count else 0):
@@ -252,16 +170,54 @@ def harmonic_sums(  # type: ignore[no-untyped-def]
                 once = e[h] * moment[w, 1, h]
                 moments[row, 1, h] += t * z[h] + once
                 moments[row, 2, h] += t * (t * z[h] + 2.0 * once) + e[h] * moment[w, 2, h]
-        _block(values, begin, end, centre, table, rotor, scratch, local, rest)
-        for a in range(squares.size):
-            whole[:] = 0.0
-            _turned(local[a], few, t, whole)
-            for h in range(top):
-                rest[a] += squared[a, h].real * z[h].real - squared[a, h].imag * z[h].imag
-                rest[a] -= 2.0 * reference[a, h] * whole[h]
-            squares[a] += rest[a]
-            for h in range(k):
-                sums[row, a, h] += whole[h]
+        for a in range(axes):
+            level = centre[a]
+            if axes == 1 and m == 2 * half:
+                piece = flat[begin : begin + m]
+            else:
+                for j in range(m):
+                    buffer[j] = values[begin + j, a]
+                for j in range(m, 2 * half):
+                    buffer[j] = level
+                piece = buffer
+            total, rest = 0.0, 0.0
+            for i in range(half):
+                p = np.uint64(i)  # an index that cannot be negative needs no check, and the loop runs in lanes
+                v, u = piece[np.uint64(half) + p] - level, piece[last - p] - level
+                even[i], odd[i] = v + u, v - u
+                total += v + u
+                rest += v * v + u * u
+            local[0] = total
+            for h in range(order):
+                row_c, row_s = table[2 * h], table[2 * h + 1]
+                c, s = 0.0, 0.0
+                for j in range(half):
+                    c += even[j] * row_c[j]
+                    s += odd[j] * row_s[j]
+                local[1 + 2 * h], local[2 + 2 * h] = c, s
+            for h in range(order, 2 * order if powers > 1 else 0):
+                row_c, row_s = table[2 * h], table[2 * h + 1]
+                c, s = 0.0, 0.0
+                for j in range(half):
+                    c += odd[j] * row_c[j]
+                    s += even[j] * row_s[j]
+                local[1 + 2 * h], local[2 + 2 * h] = c, s
+            # turn the sums to the angle of the block, and take the reference out of the squares
+            sums[row, a, 0] += total
+            rest += squared[a, 0].real * z[0].real - 2.0 * reference[a, 0] * total
+            for h in range(1, top, 2):
+                ch, sh = e[h // 2 + 1].real, e[h // 2 + 1].imag
+                c, s = ch * local[h] - sh * local[h + 1], sh * local[h] + ch * local[h + 1]
+                sums[row, a, h] += c
+                sums[row, a, h + 1] += s
+                rest -= 2.0 * (reference[a, h] * c + reference[a, h + 1] * s)
+                if powers > 1:
+                    q = h + top - 1
+                    sums[row, a, q] += t * c + ch * local[q] - sh * local[q + 1]
+                    sums[row, a, q + 1] += t * s + sh * local[q] + ch * local[q + 1]
+            for h in range(1, top):
+                rest += squared[a, h].real * z[h].real - squared[a, h].imag * z[h].imag
+            squares[a] += rest
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=_QUICK)

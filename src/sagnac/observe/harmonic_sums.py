@@ -24,8 +24,8 @@ from .sums import BLOCKS
 
 Complex = NDArray[np.complex128]
 
-BLOCK = 2048
-"""Most samples in a block, four parts of 512: those that go by one angle."""
+BLOCK = 512
+"""Most samples in a block: those that go by one angle, and the length of the table."""
 WORKERS = 2
 """Threads that share the samples."""
 CLEAR = 5.0
@@ -108,7 +108,6 @@ class _Table:
 
     step: float
     rows: Array
-    rotor: Complex
     moments: Complex
 
 
@@ -128,22 +127,16 @@ def _cut(clock: Array | Even, start: int, stop: int) -> Array | Even:
 
 
 def _tabulate(rate: float, step: float, size: int, order: int, powers: int) -> _Table:
-    from ..kernels.harmonics import PART
-
-    u = (np.arange(size) - 0.5 * (4 * PART - 1)) * step
+    u = (np.arange(size) - 0.5 * (BLOCK - 1)) * step
     wave = np.exp(1j * np.outer(np.arange(2 * order + 1), rate * u))
     moments = np.zeros((powers, 2 * order + 1, size + 1), dtype=complex)
     np.cumsum([u**p * wave for p in range(powers)], axis=2, out=moments[:, :, 1:])
-    near = (np.arange(PART // 2) + 0.5) * step
-    harmonic = np.arange(order + 1)
-    upper = np.exp(1j * np.outer(harmonic[1:], rate * near))
-    rows = np.stack([upper.real, upper.imag], axis=1).reshape(2 * order, PART // 2)
+    half = (np.arange(BLOCK // 2) + 0.5) * step
+    upper = np.exp(1j * np.outer(np.arange(1, order + 1), rate * half))
+    rows = np.stack([upper.real, upper.imag], axis=1).reshape(2 * order, half.size)
     if powers > 1:
-        rows = np.concatenate([rows, rows * near])
-    middles = (np.arange(4) - 1.5) * PART * step
-    rotor = np.exp(1j * np.outer(middles, rate * harmonic))
-    rotor[:, 0] = 1j * middles
-    return _Table(step, np.ascontiguousarray(rows), rotor, moments)
+        rows = np.concatenate([rows, rows * half])
+    return _Table(step, np.ascontiguousarray(rows), moments)
 
 
 @lru_cache
@@ -333,7 +326,7 @@ class HarmonicSums:
             axes = slice(axis, axis + values.shape[1])
             own, own_squares = np.zeros_like(sums[:, axes]), np.zeros(values.shape[1])
             harmonic_sums(
-                values, size, way, starts, regular, times, nothing if angle is None else angle, table.rows, table.rotor,
+                values, size, way, starts, regular, times, nothing if angle is None else angle, table.rows,
                 moment, self.centre[axes], self.reference[axes], squared[axes], own, own_squares, moments, time_sums, axis == 0,
             )  # fmt: skip
             sums[:, axes], squares[axes], axis = own, own_squares, axes.stop

@@ -29,9 +29,10 @@ from sagnac.calibrate import calibrate
 from sagnac.calibrate.centrifuge import calibrate_harmonics
 from sagnac.calibrate.centrifuge.prepare import harmonics_of
 from sagnac.calibration import loads
+from sagnac.design.ideal import centrifuge_harmonics
 from sagnac.errors import DataError, InputError
 from sagnac.observe.harmonics import segment_harmonics
-from sagnac.plan import Limits, Noise, Unit
+from sagnac.plan import Limits, Noise, Plan, Rig, Unit
 from sagnac.recording import from_arrays
 from sagnac.simulate.centrifuge import SimulatedCentrifuge, simulate_harmonics
 
@@ -119,6 +120,45 @@ def test_closed_form_of_three_accelerometers_from_a_plan_without_phases_is_refus
         calibrate_harmonics(drawn(open_, extended=True), open_, closed_form=True)
 
 
+def test_closed_form_counts_what_the_plan_says_of_the_rig():
+    """Each line of the budget against the change of the result when the rig is off by so much, and the lines make the whole."""
+    sizes = {"radius_uncertainty": 1e-3, "axis_uncertainty": 1e-4, "angle_uncertainty": 1e-4, "phase_uncertainty": 1e-4}
+    given = plan(**sizes, gravity_uncertainty=1e-4)
+    found = calibrate("centrifuge", record(given), given, closed_form=True)
+    lines = {line.source: np.array(line.standard_uncertainty) for line in found.budget}
+    *counted, last = lines
+    assert last == "truncation, not counted"
+    sigma = [p.standard_uncertainty for p in found.parameters]
+    np.testing.assert_allclose(np.sqrt(sum(lines[s] ** 2 for s in counted)), sigma, rtol=1e-12)
+
+    def moved(gravity=0.0, **off):
+        ends = []
+        for sign in (1.0, -1.0):
+            rig = SimulatedCentrifuge(**{name: sign * np.asarray(value) for name, value in off.items()})
+            real = plan().model_copy(update={"gravity": G + sign * gravity})
+            run = simulate_harmonics(real, ACCEL_Z, axes=Z, rig=rig)
+            ends.append(np.array(list(calibrate_harmonics(run, plan(), closed_form=True).values().values())))
+        return (ends[0] - ends[1]) / 2.0
+
+    def size(changes):
+        return np.sqrt(np.sum(np.square(changes), axis=0))
+
+    settings = [1e-4 * np.eye(9)[k].reshape(3, 3) for k in range(9)]
+    expected = {
+        "arm radius": size([moved(radius_error=1e-3)]),
+        "tilt of the arm's axis": size([moved(tilt=(1e-4, 0.0)), moved(tilt=(0.0, 1e-4))]),
+        "arm phase": size([moved(phase=1e-4)]),
+        "gravity": size([moved(gravity=1e-4)]),
+        "gimbal settings": size([moved(settings=s) for s in settings]),
+    }
+    for source, value in expected.items():
+        # the derivatives are taken with the parameters found, of which truncation and noise put kip off by 0.6 %
+        np.testing.assert_allclose(lines[source], value, rtol=1e-2, atol=1e-3 * lines["noise"].min(), err_msg=source)
+    assert any("no degrees of freedom" in r for r in found.remarks)
+    with pytest.raises(InputError, match="takes arm_rate as exact"):
+        calibrate("centrifuge", record(given), on_rig(given, rate_uncertainty=1e-4), closed_form=True)
+
+
 def test_gyro_needs_two_speeds():
     """One speed: DF against the sum DII + DOO + DSS, in words. Two: all ten coefficients, at a condition of a few."""
     one, two = plan(), plan(rates=(RATE, 2 * RATE))
@@ -163,15 +203,67 @@ def test_six_axes_at_once():
 @pytest.mark.parametrize("given", [0.0, 1.234, -2.0])
 def test_phase_and_rate_found_in_the_samples(given):
     """Arm turning on through all segments, 100 ppm fast, phase not in the plan: the same accuracy, phase and rate besides."""
-    unknown = changed(plan(), arm_phase=None)
+    unknown = changed(plan(arm_continuous=True), arm_phase=None)
     rig = SimulatedCentrifuge(rate_error=1e-4, phase=given, continuous=True)
     found = calibrate("centrifuge", record(unknown, rig=rig), unknown)
     within(found, {**ACCEL_Z, "rig.arm_phase": given, "rig.arm_rate": RATE * 1.0001})
     for name, sigma in BOUND.items():
         assert found[name].standard_uncertainty < 1.3 * sigma, name
-    assert "turned on steadily" in found.remarks[0]
-    # three segments placed evenly cannot tell this from a trigger, which is said with what it would change
-    assert "same angle at the start of every segment" in found.remarks[1]
+    assert "as the plan says: the arm turned on steadily" in found.remarks[0]
+    assert len(found.remarks) == 1
+
+
+@pytest.mark.parametrize("continuous", [True, False])
+@pytest.mark.parametrize("error", [0.0, 1e-5, 1e-4])
+def test_the_data_alone_tell_how_the_arm_turned(continuous, error):
+    """Three accelerometers, or one and times from start to start of other than whole turns: right, within the stated accuracy."""
+    rig = SimulatedCentrifuge(rate_error=error, phase=1.0, continuous=continuous)
+    accels = {n: v for n, v in ALL.items() if n.startswith("accel")}
+    for given, truth, axes in ((plan(), accels, ACCELS), (plan(move=10.37), ACCEL_Z, Z)):
+        unknown = changed(given, arm_phase=None)
+        found = calibrate("centrifuge", record(unknown, truth, axes, rig=rig), unknown)
+        rates = {n: p.value for n, p in ((q.name, q) for q in found.parameters) if n.startswith("rig.arm")}
+        within(found, {**rates, **truth})
+        assert abs(rates["rig.arm_rate"] / RATE - 1.0 - error) < 5e-7
+        for name, sigma in BOUND.items():
+            assert found[name].standard_uncertainty < 1.3 * sigma, name
+
+
+@pytest.mark.parametrize("continuous", [True, False])
+def test_two_ways_that_fit_alike_and_differ_are_refused(continuous):
+    """One accelerometer, whole turns from start to start, 10 ppm: chi-squares 0.1 to 0.4 apart, results 10 sigma."""
+    unknown = changed(plan(), arm_phase=None)
+    rig = SimulatedCentrifuge(rate_error=1e-5, phase=1.0, continuous=continuous)
+    run = record(unknown, rig=rig)
+    with pytest.raises(DataError) as caught:
+        calibrate("centrifuge", run, unknown)
+    for said in (
+        "turned on steadily", "same angle at the start", "accel.", "standard uncertainties apart", "Give arm_phase",
+        "column arm", "whole turns", "second accelerometer", "rig.arm_continuous",
+    ):  # fmt: skip
+        assert said in str(caught.value), said
+    stated = on_rig(unknown, arm_continuous=continuous)
+    found = calibrate("centrifuge", run, stated)
+    within(found, {**{p.name: p.value for p in found.parameters}, **ACCEL_Z})
+
+
+def test_two_ways_that_fit_alike_and_agree_are_no_matter():
+    """An exact rate, whole turns from start to start: steady and triggered are the same motion."""
+    unknown = changed(plan(), arm_phase=None)
+    found = calibrate("centrifuge", record(unknown, rig=SimulatedCentrifuge(phase=1.0)), unknown)
+    within(found, {**ACCEL_Z, "rig.arm_phase": 1.0, "rig.arm_rate": RATE})
+
+
+def test_how_the_arm_turned_says_nothing_on_another_rig():
+    with pytest.raises(ValueError, match="arm_continuous"):
+        Plan(rig=Rig(kind="turntable", arm_continuous=True))
+
+
+def test_a_wrong_statement_of_how_the_arm_turned_is_named():
+    given = plan(move=10.37)
+    run = record(given, rig=SimulatedCentrifuge(phase=1.0, rate_error=1e-4))
+    with pytest.raises(DataError, match=r"same angle at every start \(rig\.arm_continuous\)"):
+        calibrate("centrifuge", run, changed(on_rig(given, arm_continuous=True), arm_phase=None))
 
 
 @pytest.mark.parametrize(
@@ -220,6 +312,21 @@ def test_uncertain_rate_and_phase_of_the_plan():
     found = calibrate("centrifuge", record(given, rig=SimulatedCentrifuge(rate_error=1e-3, phase=1e-3)), given)
     within(found, ACCEL_Z)
     assert "arm phase" in [line.source for line in found.budget]
+
+
+@pytest.mark.parametrize("error", [1e-4, -1e-4])
+def test_an_uncertain_rate_over_many_turns(error):
+    """100 ppm stated and 100 ppm off, 20 minutes at 30 rpm: the arm is 11 degrees from where the plan's rate has it."""
+    given = plan(hold=1200.0, rate_uncertainty=1e-4)
+    found = calibrate("centrifuge", record(given, rig=SimulatedCentrifuge(rate_error=error), frequency=20.0), given)
+    within(found, ACCEL_Z)
+
+
+@pytest.mark.parametrize("phase", [0.5, -0.3])
+def test_a_phase_that_is_hardly_known(phase):
+    """Known to 0.2 rad and off by 0.5: found from the samples, as without a word about it but for the loose statement."""
+    given = plan(phase_uncertainty=0.2)
+    within(calibrate("centrifuge", record(given, rig=SimulatedCentrifuge(phase=phase)), given), ACCEL_Z)
 
 
 def test_parts_of_turns():
@@ -278,6 +385,41 @@ def test_a_unit_fixed_to_the_arm():
     )
     assert {"gyro.scale_error.z", "gyro.misalignment.xy"} <= set(found.values())
     within(found, {**dict.fromkeys(found.values(), 0.0), **truth})
+
+
+SIX = [(0, 0, 0), (0, 0, math.pi / 2), (math.pi / 2, 0, 0), (0, math.pi / 2, 0), (0, 0, math.pi), (1.0, 0.5, 0.3)]
+
+
+@pytest.mark.parametrize("phase", [0.7, -2.0])
+def test_gyros_on_an_arm_at_rest(phase):
+    """A unit fixed to the arm feels the horizontal Earth rate, 13 deg/h, by where the arm points, which counts at rest."""
+    rates = (0.0, RATE, 2 * RATE, -RATE)
+    given = plan(gimbals=SIX, rates=rates, counter_rotating=False, hold=600.0, move=2.0, phase=phase)
+    truth = {n: v for n, v in ALL.items() if n.startswith("gyro")}
+    found = calibrate("centrifuge", record(given, truth, ("gyro_x", "gyro_y", "gyro_z"), frequency=20.0), given)
+    within(found, {**dict.fromkeys(found.values(), 0.0), **truth})
+
+
+def test_the_harmonics_of_a_plan_have_the_arm_at_rest_where_it_points():
+    """Harmonics of perfect sensors, as plans are judged by, fit with all parameters zero and nothing left over."""
+    noise = Unit(noise=Noise(gyro=DENSITY["gyro"]))
+    given = plan(gimbals=SIX, rates=(0.0, RATE, 2 * RATE, -RATE), counter_rotating=False, hold=600.0, phase=0.7)
+    given = given.model_copy(update={"unit": noise})
+    found = calibrate_harmonics(centrifuge_harmonics(given, ("gyro",)), given)
+    assert found.fit.chi2 < 1e-6
+    assert all(abs(p.value) < 1e-3 * p.standard_uncertainty for p in found.parameters)
+
+
+def test_a_tilted_axis_on_an_arm_at_rest():
+    """The tilt of the arm's axis shows on the accelerometers by where the arm points: 1 mrad of g, and at rest too."""
+    truth = {n: v for n, v in ALL.items() if n.startswith("accel")}
+    given = plan(gimbals=SIX, rates=(0.0, RATE), counter_rotating=False, hold=10.0, phase=0.7, axis_uncertainty=1e-3)
+    rig = SimulatedCentrifuge(tilt=(1e-3, -0.5e-3))
+    found = calibrate("centrifuge", record(given, truth, ACCELS, rig=rig, frequency=100.0), given)
+    within(found, {**truth, "rig.tilt.x": 1e-3, "rig.tilt.y": -0.5e-3})
+    unknown = changed(given, arm_phase=None)
+    with pytest.raises(InputError, match=r"segment '1' does not say where the arm points .* the tilt of its axis"):
+        calibrate("centrifuge", record(given, truth, ACCELS, rig=rig, frequency=100.0), unknown)
 
 
 def test_steps_of_g_with_chosen_terms():
@@ -615,7 +757,7 @@ def test_the_gyro_reaches_the_bound():
 @pytest.mark.statistical
 def test_unknown_phase_and_rate_reach_the_bound():
     """500 runs, 100 ppm off: rms within 3.3 of its own sampling errors, coverage 92 to 98 %."""
-    given = changed(plan(), arm_phase=None)
+    given = changed(plan(arm_continuous=True), arm_phase=None)
 
     def rig(rng):
         phase = float(rng.uniform(-3, 3))

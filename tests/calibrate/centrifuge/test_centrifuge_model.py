@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from sagnac.calibrate import mount
 from sagnac.calibrate.centrifuge.model import MOUNT, RIG, CentrifugeModel, Group, PriorBlock, Turning
 from sagnac.estimate import Parameter
-from sagnac.rigs.centrifuge import Arm
+from sagnac.rigs.centrifuge import Arm, inputs
 from sagnac.rigs.turntable import Site
 from sagnac.sensors import TERMS, Axis
 from sagnac.sensors.series import basis
@@ -70,6 +72,35 @@ def test_derivatives_by_central_differences(extended, counter_rotating):
         step = np.where(np.arange(len(x)) == k, h, 0.0)
         ahead, behind = (model.predicted(group, v, local).value for v in (x + step, x - step))
         # third derivatives of some 1e5 (rate in the Coriolis and centripetal terms) times h^2, rounding of 1e3 over h
+        np.testing.assert_allclose(told.to_x[..., k], (ahead - behind) / (2 * h), rtol=1e-7, atol=3e-7, err_msg=name)
+    for k in range(3):
+        step = h * (np.arange(3) == k)
+        ahead, behind = (model.predicted(group, x, v).value for v in (local + step, local - step))
+        np.testing.assert_allclose(told.to_local[..., k], (ahead - behind) / (2 * h), rtol=1e-7, atol=3e-7)
+
+
+def test_readings_at_the_angle_where_the_arm_stands():
+    """The series at that angle, and its derivatives by central differences, the phase's and the settings' among them."""
+    model, _, x = case(extended=False, counter_rotating=False)
+    rng = np.random.default_rng(2)
+    still = replace(model.turning, rate=np.zeros(N), to_rate=np.zeros((N, 2)))
+    model, at, ones = replace(model, turning=still), np.arange(N), np.ones((N, len(SENSORS), 1, 1))
+    group = Group(at, 0, False, np.zeros((N, len(SENSORS), 1)), ones, np.zeros(N), np.zeros(N), at_rest=True)
+    local = rng.normal(0, 1e-3, (N, 3))
+    told = model.predicted(group, x, local)
+    angle = still.angle + still.to_angle @ x[-2:]
+    arm = Arm(x[model.places["rig.radius"]], False, (x[model.places["rig.tilt.x"]], x[model.places["rig.tilt.y"]]))
+    site = Site(SITE.latitude, x[model.places["rig.gravity"]], SITE.earth_rate)
+    felt = [v @ mount.matrix(x[-5:-2]) for v in inputs(arm, site, angle, np.zeros(N), model.settings + local)]
+    first = 0
+    for j, s in enumerate(SENSORS):
+        own = slice(first, first + len(s.names))
+        first = own.stop
+        np.testing.assert_allclose(told.value[:, j, 0], s.evaluate(x[own], *felt).value, rtol=1e-12, atol=1e-14)
+    h = 1e-5
+    for k, name in enumerate(model.names):
+        step = np.where(np.arange(len(x)) == k, h, 0.0)
+        ahead, behind = (model.predicted(group, v, local).value for v in (x + step, x - step))
         np.testing.assert_allclose(told.to_x[..., k], (ahead - behind) / (2 * h), rtol=1e-7, atol=3e-7, err_msg=name)
     for k in range(3):
         step = h * (np.arange(3) == k)

@@ -236,7 +236,10 @@ def calibrate(
         *lines,
         BudgetLine(source="truncation, not counted", standard_uncertainty=tuple(np.abs(left).tolist())),
     )
-    fit = Fit(chi2=0.0, degrees_of_freedom=0, residual_rms=0.0, converged=True, iterations=0, uncertainty="noise")
+    # one equation for each parameter: solved exactly, without iterations, and with nothing left that could be judged
+    how = "noise and stated uncertainties of the rig" if lines else "noise"
+    fit = Fit(chi2=0.0, degrees_of_freedom=0, residual_rms=0.0, converged=True, iterations=0, uncertainty=how)
+    blind = "one equation for each parameter leaves no degrees of freedom: no chi-square says whether the data fit them"
     result = common.result(
         "centrifuge closed form",
         named(names, units, found, covariance),
@@ -247,7 +250,7 @@ def calibrate(
         recording=recording,
         span=span,
         budget=budget,
-        remarks=[*remarks, note],
+        remarks=[*remarks, blind, note],
     )
     return result.model_copy(update={"misalignment": "input-axis"})
 

@@ -181,7 +181,8 @@ def _refuse_still(task: Task, bad: list[int]) -> None:
                 raise DataError(
                     f"segment {task.names[i]!r} is said to turn at {np.degrees(task.planned_rate[i]):.6g} deg/s, but "
                     f"{_column(task, j)} hardly changes with the arm ({seen / 9.80665:.3g} g where {amplitude / 9.80665:.3g} g "
-                    "is expected): the arm stood still or turned at another rate, or the segment lies beside the run"
+                    "is expected): the arm stood still or turned at another rate, the segment lies beside the run, or its alpha, "
+                    "beta and gamma are those of another segment"
                 )
 
 
@@ -190,7 +191,7 @@ def _plan_answers(task: Task) -> list[tuple[float, str]]:
     good = []
     for words, other in readings(task):
         matches = _matches(other).values()
-        if all(_sound(m) for m in matches):
+        if matches and all(_sound(m) for m in matches):
             good.append((max(m.misfit for m in matches), words))
     return good
 

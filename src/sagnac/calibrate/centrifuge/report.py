@@ -75,6 +75,7 @@ def report(
             *_pulled(fitted),
             *_contradicted(fitted),
             *_fourth(fitted.task, whole),
+            *_gyros_alone(fitted.task),
         ],
     )
     return result.model_copy(update={"misalignment": "input-axis"})
@@ -213,3 +214,14 @@ def _fourth(task: Task, whole: dict[int, Array]) -> list[str]:
                     f"{task.names[i]!r}: a vibration of the arm, or terms beyond those of the model"
                 )
     return out[:6]
+
+
+def _gyros_alone(task: Task) -> list[str]:
+    """A word where nothing checks the acceleration that the gyros' terms are referred to."""
+    if any(s.kind == "accel" for s in task.sensors):
+        return []
+    text = (
+        "gyros alone hardly show the arm's radius and sense of rotation: an error of rig.radius or a wrong sign of arm_rate "
+        "would be in their terms unseen; record an accelerometer as well"
+    )
+    return [text]

@@ -31,14 +31,14 @@ def run(values, size, clock, turn, order, *, powers=1, regular=None, angle=NOTHI
     moment = np.ascontiguousarray(np.moveaxis(table.moments[:, :, [size, (n - 1) % size + 1]], 2, 0))
     series = np.array([_square_series(r) for r in reference])
     kernel.harmonic_sums(
-        values, size, way, starts, regular, clock, angle, table.rows, table.rotor, moment, centre, reference, series,
+        values, size, way, starts, regular, clock, angle, table.rows, moment, centre, reference, series,
         sums, squares, moments, times, True,
     )  # fmt: skip
     return sums, squares, moments, times, centre
 
 
 @pytest.mark.parametrize(("order", "powers"), [(0, 1), (1, 1), (3, 1), (6, 1), (1, 3), (3, 3), (6, 3)])
-@pytest.mark.parametrize(("n", "size"), [(5000, 2048), (4096, 2048), (1700, 600), (700, 513), (300, 40), (3, 8)])
+@pytest.mark.parametrize(("n", "size"), [(5000, 512), (4096, 512), (1700, 400), (700, 511), (300, 40), (3, 8)])
 @pytest.mark.parametrize("kind", ["regular", "irregular", "both", "measured"])
 def test_sums_equal_the_plain_ones(kind, n, size, order, powers):
     rng = np.random.default_rng(n + order)
@@ -78,7 +78,7 @@ def test_moments_are_left_alone_when_they_are_not_wanted():
     moments, times = np.full((1, 1, 5), 7.0 + 0j), np.full(1, 7.0)
     kernel.harmonic_sums(
         np.ones((64, 1)), 64, np.array([0.0, 0.0, 3.0, 0.0, STEP, 1.0, 0.0]), np.zeros(1), np.ones(1, dtype=bool), NOTHING,
-        NOTHING, table.rows, table.rotor, np.ascontiguousarray(np.moveaxis(table.moments[:, :, [64, 64]], 2, 0)), np.zeros(1),
+        NOTHING, table.rows, np.ascontiguousarray(np.moveaxis(table.moments[:, :, [64, 64]], 2, 0)), np.zeros(1),
         np.zeros((1, 5)), np.zeros((1, 5), dtype=complex), np.zeros((1, 1, 5)), np.zeros(1), moments, times, False,
     )  # fmt: skip
     assert np.all(moments == 7.0)
