@@ -1,16 +1,51 @@
-"""Sums of samples against harmonics of a turning angle, and a look at extremes, in one pass over the samples."""
+"""Sums of samples against harmonics of a turning angle, and a look at extremes, in one pass over the samples.
+
+The samples of a long record come from memory, at a pace of their own: what is computed with them is free as long as it goes on
+while the next ones are loaded.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numba as nb
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import types
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array
 
 LOW, HIGH, AT_LOW, AT_HIGH, RUN_LOW, RUN_HIGH, LONGEST_LOW, LONGEST_HIGH, SQUARED_STEPS, FINEST, LAST = range(11)
 """Columns of the state of :func:`look`."""
 
 _QUICK = {"reassoc", "contract"}  # sums may be taken in any order: several lanes at once
+
+
+def _prefetch_code(_, array, index):  # type: ignore[no-untyped-def]
+    """Begin to load the cache line of an element, which need not exist, without waiting for it."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        data = make_array(signature.args[0])(context, builder, arguments[0]).data  # type: ignore[no-untyped-call]
+        number = ir.IntType(32)
+        address = builder.bitcast(builder.gep(data, [arguments[1]]), ir.IntType(8).as_pointer())
+        kind = ir.FunctionType(ir.VoidType(), [address.type, number, number, number])
+        prefetch = builder.module.declare_intrinsic("llvm.prefetch", (address.type,), kind)
+        builder.call(prefetch, [address, number(0), number(3), number(1)])  # to read, into the nearest cache, data
+        return context.get_dummy_value()
+
+    return types.void(array, index), generate
+
+
+_prefetch: Any = intrinsic(_prefetch_code)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _fetch(samples, begin, lines):  # type: ignore[no-untyped-def]
+    """Begin to load some cache lines; returns where the next one begins."""
+    for i in range(lines):
+        _prefetch(samples, begin + 8 * i)  # type: ignore[call-arg]
+    return begin + 8 * lines
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -140,9 +175,12 @@ def harmonic_sums(  # type: ignore[no-untyped-def] # noqa: PLR0915 - apart from 
     e, z = np.ones(top, dtype=np.complex128), np.ones(top, dtype=np.complex128)
     start, phase, rate, zero, step, cells_per_second, first_cell = turn
     flat = values.reshape(-1)
+    # while one block is worked on the next one is loaded, some cache lines before each loop: their number in flight is limited
+    lines = half // (4 * (1 + k // 2)) + 1
     for b in range(starts.size):
         begin = b * size
         m = min(size, n - begin)
+        ahead = (begin + size) * axes
         row = min(max(int((starts[b] - start) * cells_per_second - first_cell), 0), sums.shape[0] - 1)
         if count:
             time_sums[row] += m * (starts[b] - zero + 0.5 * (m - 1) * step)
@@ -154,11 +192,11 @@ def harmonic_sums(  # type: ignore[no-untyped-def] # noqa: PLR0915 - apart from 
                 )
             continue
         if axes == 1:
-            # one load of every cache line first, so that all of them are under way at once
-            ahead = 0.0
+            # what is still under way, all of it at once
+            touched = 0.0
             for i in range(begin, begin + m, 8):
-                ahead += flat[i]
-            squares[0] += 0.0 * ahead
+                touched += flat[i]
+            squares[0] += 0.0 * touched
         middle = starts[b] + (half - 0.5) * step
         w, t = 0 if m == size else 1, middle - zero
         _powers(phase + rate * (middle - start), e)
@@ -180,6 +218,7 @@ def harmonic_sums(  # type: ignore[no-untyped-def] # noqa: PLR0915 - apart from 
                 for j in range(m, 2 * half):
                     buffer[j] = level
                 piece = buffer
+            ahead = _fetch(flat, ahead, lines)
             total, rest = 0.0, 0.0
             for i in range(half):
                 p = np.uint64(i)  # an index that cannot be negative needs no check, and the loop runs in lanes
@@ -189,6 +228,7 @@ def harmonic_sums(  # type: ignore[no-untyped-def] # noqa: PLR0915 - apart from 
                 rest += v * v + u * u
             local[0] = total
             for h in range(order):
+                ahead = _fetch(flat, ahead, lines)
                 row_c, row_s = table[2 * h], table[2 * h + 1]
                 c, s = 0.0, 0.0
                 for j in range(half):
@@ -196,6 +236,7 @@ def harmonic_sums(  # type: ignore[no-untyped-def] # noqa: PLR0915 - apart from 
                     s += odd[j] * row_s[j]
                 local[1 + 2 * h], local[2 + 2 * h] = c, s
             for h in range(order, 2 * order if powers > 1 else 0):
+                ahead = _fetch(flat, ahead, lines)
                 row_c, row_s = table[2 * h], table[2 * h + 1]
                 c, s = 0.0, 0.0
                 for j in range(half):

@@ -31,8 +31,9 @@ WORKERS = 2
 CLEAR = 5.0
 """Standard deviations by which the slow scatter must differ from that of samples to be taken for another."""
 _PHASE = 1e-10  # rad by which the highest harmonic may be off the even grid of a block; more is summed sample by sample
-_SHARE = 1 << 22  # samples that one thread works on at a time: what belongs to their blocks stays in its cache
-_FIRST = 4096  # samples after which the reference signal is set first; again whenever their number has doubled
+_SHARE = 1 << 24  # samples that one thread works on at a time: what belongs to their blocks stays in its cache
+_FIRST = 4096  # samples after which the reference signal is set first,
+_GROWTH = 32  # and again whenever there are so many times more
 _SOUND = 1e8  # condition up to which a fit serves as reference signal
 _SEEN = 1e-9  # of the largest eigenvalue: what a cell can tell
 _FEWEST = 4  # degrees of freedom from which the scatter between cells is judged
@@ -267,7 +268,7 @@ class HarmonicSums:
             self.size = int(np.clip(share / 4, 8, BLOCK))
         done, n = 0, len(groups[0])
         while done < n:
-            stop = done + min(n - done, max(_FIRST, self.count))
+            stop = done + min(n - done, max(_FIRST, (_GROWTH - 1) * self.count))
             self._add(
                 [g[done:stop] for g in groups],
                 _cut(clock, done, stop),
@@ -275,7 +276,7 @@ class HarmonicSums:
                 pool,
             )
             self.count, done = self.count + stop - done, stop
-            if self.count >= 2 * self.renewed:
+            if self.count >= _GROWTH * self.renewed:
                 self.renew()
 
     def _add(
