@@ -11,7 +11,7 @@ from typing import Any
 
 import numba as nb
 import numpy as np
-from llvmlite import ir  # type: ignore[import-untyped]
+from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
@@ -44,7 +44,7 @@ _prefetch: Any = intrinsic(_prefetch_code)
 def _fetch(samples, begin, lines):  # type: ignore[no-untyped-def]
     """Begin to load some cache lines; returns where the next one begins."""
     for i in range(lines):
-        _prefetch(samples, begin + 8 * i)  # type: ignore[call-arg]
+        _prefetch(samples, begin + 8 * i)
     return begin + 8 * lines
 
 
