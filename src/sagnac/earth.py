@@ -1,8 +1,9 @@
-"""WGS-84: normal gravity and Earth rate at a site."""
+"""WGS-84: shape, normal gravity and Earth rate."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .frames import Array
 
@@ -44,6 +45,37 @@ def normal_gravity(latitude: float, height: float = 0.0) -> float:
     ratio = height / _SEMI_MAJOR
     first = 2.0 * (1.0 + _FLATTENING + _CENTRIFUGAL_M - 2.0 * _FLATTENING * s2) * ratio
     return float(surface * (1.0 - first + 3.0 * ratio**2))
+
+
+ELLIPSOID = np.array(
+    [
+        _SEMI_MAJOR,
+        _ECCENTRICITY2,
+        _GRAVITY_EQUATOR,
+        _SOMIGLIANA_K,
+        2.0 * (1.0 + _FLATTENING + _CENTRIFUGAL_M),
+        4.0 * _FLATTENING,
+    ]
+)
+"""What the kernels take: a [m], e^2, g at the equator [m/s^2], Somigliana's k, and the two coefficients p, q of the height term
+``g(h) = g(0) (1 - (p - q sin^2 L) h / a + 3 (h / a)^2)``."""
+
+
+def radii(latitude: ArrayLike) -> tuple[Array, Array]:
+    """Radii of curvature of the ellipsoid.
+
+    Parameters
+    ----------
+    latitude : array_like, rad
+
+    Returns
+    -------
+    meridian, normal : ndarray, m
+        R_M, in the meridian, and R_N, of the prime vertical.
+    """
+    w2 = 1.0 - _ECCENTRICITY2 * np.sin(latitude) ** 2
+    normal = _SEMI_MAJOR / np.sqrt(w2)
+    return normal * (1.0 - _ECCENTRICITY2) / w2, np.asarray(normal)
 
 
 def earth_rate_enu(latitude: float, rate: float = EARTH_RATE) -> Array:

@@ -50,6 +50,78 @@ def rot_z(angle: ArrayLike) -> Array:
     return _plane_rotation(angle, 2)
 
 
+def attitude_matrix(heading: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> Array:
+    """C_b_n of heading (clockwise from north), pitch (nose up) and roll (right side down).
+
+    Parameters
+    ----------
+    heading, pitch, roll : array_like, shape (...), rad
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        Takes coordinates in b (x right, y forward, z up) to east, north, up.
+    """
+    return np.asarray(rot_z(-np.asarray(heading, dtype=float)) @ rot_x(pitch) @ rot_y(roll))
+
+
+def heading_pitch_roll(C_b_n: Array) -> tuple[Array, Array, Array]:
+    """Heading, pitch and roll of attitudes, see :func:`attitude_matrix`.
+
+    Parameters
+    ----------
+    C_b_n : ndarray, shape (..., 3, 3)
+
+    Returns
+    -------
+    heading, pitch, roll : ndarray, shape (...), rad
+        Heading from 0 to 2 pi. With the nose straight up or down heading and roll are not told apart, and any pair may come.
+    """
+    pitch = np.arctan2(C_b_n[..., 2, 1], np.hypot(C_b_n[..., 0, 1], C_b_n[..., 1, 1]))
+    heading = np.mod(np.arctan2(C_b_n[..., 0, 1], C_b_n[..., 1, 1]), 2.0 * np.pi)
+    return heading, pitch, np.arctan2(-C_b_n[..., 2, 0], C_b_n[..., 2, 2])
+
+
+def rotation_matrix(vector: ArrayLike) -> Array:
+    """Matrices of rotation vectors: active, ``exp([v x])``.
+
+    Parameters
+    ----------
+    vector : array_like, shape (..., 3), rad
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+    """
+    v = np.asarray(vector, dtype=float)
+    angle2 = np.einsum("...i,...i->...", v, v)[..., None, None]
+    angle = np.sqrt(angle2)
+    small = angle2 < 1e-8
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 1.0 - angle2 / 6.0, np.sin(safe) / safe)
+    second = np.where(small, 0.5 - angle2 / 24.0, 2.0 * (np.sin(0.5 * safe) / safe) ** 2)
+    cross_matrix = skew(v)
+    return np.asarray(np.eye(3) + first * cross_matrix + second * (cross_matrix @ cross_matrix))
+
+
+def rotation_vector(matrix: Array) -> Array:
+    """Rotation vectors of matrices, the inverse of :func:`rotation_matrix`.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (..., 3, 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 3), rad
+        Of length pi at most.
+    """
+    from scipy.spatial.transform import Rotation
+
+    flat = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(flat).reshape(*matrix.shape[:-2], 3)
+
+
 def skew(v: ArrayLike) -> Array:
     """Matrix of the cross product, ``skew(v) @ w == cross(v, w)``.
 

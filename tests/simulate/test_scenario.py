@@ -14,7 +14,7 @@ from sagnac.earth import STANDARD_GRAVITY
 from sagnac.errors import InputError
 from sagnac.simulate import grades
 from sagnac.simulate.build import build
-from sagnac.simulate.quantities import Drawn, si
+from sagnac.simulate.drawn import Drawn, si
 from sagnac.simulate.scenario import from_table, load, shipped, text
 
 DEG_H = math.pi / 648000

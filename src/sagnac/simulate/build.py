@@ -17,10 +17,10 @@ from ..rigs.roll_isolated import DELAY, ECCENTRICITY, HALF_ANGLE, MOUNT_PITCH, M
 from ..sensors import AXES, Correction, Triad, correction
 from . import grades
 from .centrifuge import SimulatedCentrifuge
+from .drawn import Drawn
 from .engine import STREAMS, Channel, Clock, Drift, Job, Motion, no_drift
 from .motions import CentrifugeMotion, RollMotion
 from .noise import NO_NOISE, NoiseModel, generator
-from .quantities import Drawn
 from .records import CentrifugeErrors, RollErrors, TemperatureProfile, TurntableErrors, VehicleErrors
 from .scenario import Scenario
 from .table import site_of

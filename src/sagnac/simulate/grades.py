@@ -28,10 +28,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..quantities import si
 from ..sensors import AXES, TERMS
 from ..sensors.axis import unit_of
 from .noise import NoiseModel
-from .quantities import si
 
 _FLOOR = math.sqrt(2.0 * math.log(2.0) / math.pi)
 """Lowest Allan deviation of flicker noise over B, IEEE Std 952."""

@@ -10,8 +10,8 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..plan import AXES, Angle, Plan, Rate, Segment, Time
+from ..quantities import AS_LIST, SIZE
 from . import positions
-from .quantities import AS_LIST, SIZE
 from .records import Record
 
 MOST_SEGMENTS = 10_000

@@ -6,29 +6,26 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from ..recording import SENSORS
-from . import grades
-from .noise import NoiseModel
-from .quantities import (
+from ..quantities import (
     ABOVE_ZERO,
     AS_LIST,
     SIZE,
     AccelDensity,
     Acceleration,
     AccelWalk,
-    Drawn,
     Duration,
     Frequency,
     GyroDensity,
     GyroWalk,
     Rate,
     Temperature,
-    drawn,
-    drawn_each,
-    draws,
     reads,
     si,
 )
+from ..recording import SENSORS
+from . import grades
+from .drawn import Drawn, drawn, drawn_each, draws
+from .noise import NoiseModel
 
 AXES = tuple(axis for axes in SENSORS.values() for axis in axes)
 """Names of the six sensor columns."""
