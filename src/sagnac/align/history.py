@@ -1,0 +1,205 @@
+"""What is kept of an alignment, update by update, and the result made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..frames import Array, heading_pitch_roll
+from ..navigate.state import State
+from ..navigate.strapdown import Navigator
+from .observability import Observability, Observer
+from .smoother import Passed, smooth
+
+if TYPE_CHECKING:
+    from .config import Config
+    from .filter import Filter, Match
+
+STEADY = np.radians(3.0)
+"""Estimates of the attitude smaller than this are fed back."""
+OF_NAVIGATION = ("velocity", "attitude", "position", "height")
+"""Blocks of states that are errors of the navigation; the others are parameters."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What an alignment found, update by update.
+
+    Attributes
+    ----------
+    names, units : tuple of str, length n
+        Of the states.
+    time : ndarray, shape (m,), s
+    values : ndarray, shape (m, n)
+        Parameters as estimated; errors of the navigation as they were taken out at this update (feedback), or those of the slave
+        that has navigated on its own since the start (output). NaN in a covariance analysis.
+    sigmas : ndarray, shape (m, n)
+    covariance : ndarray, shape (n, n)
+        At the end.
+    innovation_names : tuple of str, length k
+    innovations, innovation_sigmas : ndarray, shape (m, k)
+        NaN at times without a sample of the master.
+    used : ndarray of bool, shape (m,)
+        Whether a sample of the master was taken in.
+    nis : ndarray, shape (m,)
+        Normalised innovation squared, chi-square with k degrees of freedom.
+    angles, angle_sigmas : ndarray, shape (m, 3), rad
+        Corrected heading, pitch and roll of the slave.
+    places : ndarray, shape (m, 3), rad, rad, m
+        Corrected latitude, longitude and height.
+    observability : Observability
+    final : State
+        Of the slave, corrected, ready to navigate on in the wander frame.
+    skipped : tuple of (float, float, str)
+        From, to [s] and why.
+    smoothed, smoothed_sigmas : ndarray, shape (m, n), or None
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    time: Array
+    values: Array
+    sigmas: Array
+    covariance: Array
+    innovation_names: tuple[str, ...]
+    innovations: Array
+    innovation_sigmas: Array
+    used: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    nis: Array
+    angles: Array
+    angle_sigmas: Array
+    places: Array
+    observability: Observability
+    final: State
+    skipped: tuple[tuple[float, float, str], ...] = ()
+    smoothed: Array | None = None
+    smoothed_sigmas: Array | None = None
+
+
+def innovation_names(geographic: bool, rows: int, attitude: bool) -> tuple[str, ...]:
+    """Names of what is matched."""
+    axes = ("east", "north", "up") if geographic else ("x", "y", "z")
+    return tuple([f"velocity.{a}" for a in axes[:rows]] + [f"attitude.{a}" for a in axes] * attitude)
+
+
+def angle_sigmas(C_b_n: Array, covariance: Array) -> Array:
+    """Standard deviations of heading, pitch and roll.
+
+    Parameters
+    ----------
+    C_b_n : ndarray, shape (m, 3, 3)
+    covariance : ndarray, shape (m, 3, 3), rad^2
+        Of the attitude error Phi, ``C~ = (I - [Phi x]) C``, in east, north, up.
+
+    Returns
+    -------
+    ndarray, shape (m, 3), rad
+    """
+    r = -np.eye(3)
+    x, y, z = (
+        np.cross(r, C_b_n[:, None, :, i]) for i in range(3)
+    )  # (m, 3 components of Phi, 3): change of each body axis
+    c = C_b_n
+    level = c[:, 0, 1] ** 2 + c[:, 1, 1] ** 2
+    heading = (y[..., 0] * c[:, 1, 1, None] - y[..., 1] * c[:, 0, 1, None]) / level[:, None]
+    pitch = y[..., 2] / np.sqrt(level)[:, None]
+    roll = (c[:, 2, 0, None] * z[..., 2] - x[..., 2] * c[:, 2, 2, None]) / (c[:, 2, 0] ** 2 + c[:, 2, 2] ** 2)[:, None]
+    J = np.stack([heading, pitch, roll], axis=1)
+    return np.asarray(np.sqrt(np.einsum("mai,mij,maj->ma", J, covariance, J)))
+
+
+class History:
+    """Notes what a filter does.
+
+    Parameters
+    ----------
+    config : Config
+    filter_ : Filter
+        At its start.
+    raw : Navigator, optional
+        The slave that navigates on its own.
+    """
+
+    def __init__(self, config: Config, filter_: Filter, raw: Navigator | None) -> None:
+        self._config, self._filter, self._raw = config, filter_, raw
+        self._states = filter_.states
+        self._first = filter_.P.copy()
+        self._observer = Observer(filter_.P, filter_.states.names)
+        self._times: list[float] = []
+        self._values: list[Array] = []
+        self._sigmas: list[Array] = []
+        self._attitudes: list[Array] = []
+        self._tilts: list[Array] = []
+        self._places: list[Array] = []
+        self._matches: list[Match | None] = []
+        self._passed: list[Passed] = []
+
+    def note(self, time: float, match: Match | None) -> None:
+        """After an update, or an interval without one: feed back, and keep what is asked for."""
+        filter_, s = self._filter, self._states.block
+        self._observer.advance(filter_.phi)
+        if match is not None and match.used:
+            self._observer.see(match.H, match.R)
+        steady = float(np.abs(filter_.x[s("attitude")]).max()) < STEADY
+        x = filter_.feed_back() if steady else filter_.x.copy()
+        if self._config.smooth:
+            self._passed.append(Passed(filter_.phi.copy(), filter_.predicted.copy(), filter_.P.copy(), x))
+        values = filter_.values + (0.0 if steady else x)
+        errors = x if self._raw is None else filter_.less(self._raw.state)
+        for block in OF_NAVIGATION:
+            values[s(block)] = errors[s(block)]
+        state = filter_.navigator.state
+        self._times.append(time)
+        self._values.append(values)
+        self._sigmas.append(np.sqrt(filter_.P.diagonal()))
+        self._attitudes.append(state.C_b_n)
+        self._tilts.append(self._tilt(state))
+        self._places.append(np.array([*state.place[:2], state.height]))
+        self._matches.append(match)
+
+    def _tilt(self, state: State) -> Array:
+        """Covariance of the attitude error in east, north, up: what turns the computed frame itself is taken off."""
+        s, P = self._states.block, self._filter.P
+        pick = np.zeros((3, len(self._states)))
+        pick[:, s("attitude")] = np.eye(3)
+        if not self._states.geographic:
+            where = s("position")
+            pick[:, where] = -np.eye(3)[:, 3 - (where.stop - where.start) :]
+            pick = state.C_w_n @ pick
+        return np.asarray(pick @ P @ pick.T)
+
+    def run(self, skipped: tuple[tuple[float, float, str], ...]) -> Run:
+        """All of it."""
+        states, last = self._states, self._filter
+        attitude = self._config.matching == "velocity+attitude"
+        rows = innovation_names(states.geographic, int(states.at[1]), attitude)
+        nothing = np.full(len(rows), np.nan)
+        C = np.stack(self._attitudes)
+        values = np.stack(self._values)
+        smoothed, smoothed_sigmas = None, None
+        if self._config.smooth:
+            corrections, smoothed_sigmas = smooth(self._first, self._passed)
+            smoothed = values + corrections
+        return Run(
+            states.names,
+            states.units,
+            np.array(self._times),
+            values,
+            np.stack(self._sigmas),
+            last.P.copy(),
+            rows,
+            np.stack([nothing if m is None else m.innovation for m in self._matches]),
+            np.stack([nothing if m is None else m.sigma for m in self._matches]),
+            np.array([m is not None and m.used for m in self._matches]),
+            np.array([np.nan if m is None else m.distance for m in self._matches]),
+            np.stack(heading_pitch_roll(C), axis=1),
+            angle_sigmas(C, np.stack(self._tilts)),
+            np.stack(self._places),
+            self._observer.result(last.P),
+            last.navigator.state,
+            skipped,
+            smoothed,
+            smoothed_sigmas,
+        )

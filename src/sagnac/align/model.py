@@ -1,0 +1,297 @@
+"""The error states of an alignment: which there are, what is known of them beforehand, what drives them, what shows them.
+
+Errors of the navigation are computed less true: dv, phi with ``C~ = (I - [phi x]) C``, theta with ``C~_e = (I - [theta x])
+C_e``, dh. All the
+others are what is still to be added to the value in use: gyro bias eps, accelerometer bias nab, mounting mu (``C_s^m =
+exp([mu x])``), lever arm,
+flexure, delay of the master. How the first ones grow is in :mod:`sagnac.kernels.error_model`.
+
+Because the slave starts with its master's attitude, ``phi(0) = C mu``: the mounting is a copy of the attitude error at the
+start. It costs three
+states and gives what is asked for, the mounting, also after the attitude error has gone its own way with the drift of the
+gyros.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from ..earth import ELLIPSOID
+from ..frames import Array, rotation_matrix, skew
+
+if TYPE_CHECKING:
+    from .config import Config
+
+_AXES = ("x", "y", "z")
+_MARKOV_2 = 2.146
+"""Second-order Markov process: its rate is this over the correlation time (Kain & Cloutier 1989, AIAA 89-3558)."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names of the states and where their blocks are.
+
+    Attributes
+    ----------
+    geographic : bool
+        Whether errors are in east, north, up; else in the wander frame.
+    names, units : tuple of str
+    blocks : dict of str to slice
+        ``velocity, attitude, gyro, accel, position, height, mounting, lever, flexure, flexure_rate, delay``, as far as there.
+    at : ndarray of int, shape (10,)
+        The first ones as :func:`sagnac.kernels.error_model.system` wants them.
+    """
+
+    geographic: bool
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    blocks: dict[str, slice]
+    at: np.ndarray[tuple[int], np.dtype[np.int64]]
+
+    def __len__(self) -> int:
+        """Number of states."""
+        return len(self.names)
+
+    def block(self, name: str) -> slice:
+        """Where a block is; an empty slice where it is not."""
+        return self.blocks.get(name, slice(0, 0))
+
+
+def layout(
+    method: Literal["wander", "geographic", "north-then-wander"],
+    *,
+    full: bool = False,
+    lever: bool = False,
+    flexure: bool = False,
+    delay: bool = False,
+) -> Layout:
+    """The states of an alignment.
+
+    Parameters
+    ----------
+    method : str
+        ``wander`` has its errors in the wander frame (11 states in short form); the other two in east, north, up (10).
+    full : bool
+        Vertical velocity, position and height too (16 and 15 states).
+    lever, flexure, delay : bool
+        What else is estimated, besides the mounting.
+    """
+    geographic = method != "wander"
+    axes = _AXES if full else _AXES[:2]
+    position = ["position_error.x", "position_error.y"] if full else []
+    wander = [] if geographic else ["wander_error"]
+    table: list[tuple[str, str, Sequence[str]]] = [
+        ("velocity", "m/s", [f"velocity_error.{a}" for a in axes]),
+        ("attitude", "rad", [f"attitude_error.{a}" for a in _AXES]),
+        ("gyro", "rad/s", [f"gyro.bias.{a}" for a in _AXES]),
+        ("accel", "m/s^2", [f"accel.bias.{a}" for a in axes]),
+        ("position", "rad", position + wander),
+        ("height", "m", ["height_error"] if full else []),
+        ("mounting", "rad", [f"misalignment.{a}" for a in _AXES]),
+        ("lever", "m", [f"lever_arm.{a}" for a in _AXES] if lever else []),
+        ("flexure", "rad", [f"flexure.{a}" for a in _AXES] if flexure else []),
+        ("flexure_rate", "rad/s", [f"flexure_rate.{a}" for a in _AXES] if flexure else []),
+        ("delay", "s", ["delay"] if delay else []),
+    ]
+    names: list[str] = []
+    units: list[str] = []
+    blocks: dict[str, slice] = {}
+    for block, unit, own in table:
+        if own:
+            blocks[block] = slice(len(names), len(names) + len(own))
+            names += own
+            units += [unit] * len(own)
+    turned = len(position + wander)
+    start = {k: s.start for k, s in blocks.items()}
+    at = [
+        start["velocity"],
+        len(axes),
+        start["attitude"],
+        start.get("position", 0),
+        turned,
+        start.get("height", -1),
+        start["gyro"],
+        start["accel"],
+        len(axes),
+        int(geographic),
+    ]
+    return Layout(geographic, tuple(names), tuple(units), blocks, np.array(at, dtype=np.int64))
+
+
+def layout_of(config: Config) -> Layout:
+    """The states that a configuration asks for."""
+    return layout(
+        config.method,
+        full=config.states == "full",
+        lever=config.initial.lever_arm is not None,
+        flexure=config.flexure is not None,
+        delay=config.initial.delay is not None,
+    )
+
+
+def prior(config: Config, states: Layout, C: Array, height: float) -> Array:
+    """Covariance at the start, (n, n), in SI.
+
+    Parameters
+    ----------
+    config : Config
+    states : Layout
+    C : ndarray, shape (3, 3)
+        Attitude of the slave at the start, in the frame of the errors.
+    height : float, m
+    """
+    first = config.initial
+    n = len(states)
+    sigma = np.zeros(n)
+    radius = ELLIPSOID[0] + height
+    for block, value in (
+        ("velocity", first.velocity),
+        ("mounting", first.misalignment),
+        ("gyro", first.gyro_bias),
+        ("accel", first.accel_bias),
+        ("height", first.height),
+        ("lever", first.lever_arm),
+        ("delay", first.delay),
+    ):
+        where = states.block(block)
+        if value is not None and where.stop:
+            sigma[where] = np.broadcast_to(value, (3,))[: where.stop - where.start] if np.ndim(value) else value
+    where = states.block("position")
+    turned = where.stop - where.start
+    sigma[where] = [*[first.position / radius] * (turned - turned % 2), *[first.wander] * (turned % 2)]
+    if config.flexure is not None:
+        beta = _MARKOV_2 / config.flexure.time
+        sigma[states.block("flexure")] = config.flexure.sigma
+        sigma[states.block("flexure_rate")] = beta * np.asarray(config.flexure.sigma)
+    spread = np.diag(sigma)
+    attitude = states.block("attitude")
+    spread[attitude, states.block("mounting")] = C * sigma[states.block("mounting")]
+    if config.flexure is not None:
+        spread[attitude, states.block("flexure")] = C * sigma[states.block("flexure")]
+    out = spread @ spread.T
+    # the attitude that the slave starts with is one reading of the master's
+    out[attitude, attitude] += (config.noise.attitude or 0.0) ** 2 * np.eye(3)
+    return np.asarray(out)
+
+
+def driving_noise(config: Config, states: Layout) -> Array:
+    """Spectral density of the white noise that drives each state, (n,), SI squared per second."""
+    noise = config.noise
+    q = np.zeros(len(states))
+    for block, density in (
+        ("velocity", noise.accel),
+        ("attitude", noise.gyro),
+        ("gyro", noise.gyro_walk),
+        ("accel", noise.accel_walk),
+    ):
+        q[states.block(block)] = density**2
+    if config.flexure is not None:
+        beta = _MARKOV_2 / config.flexure.time
+        q[states.block("flexure_rate")] = 4.0 * beta**3 * np.asarray(config.flexure.sigma) ** 2
+    return q
+
+
+def complete(config: Config, states: Layout, F: Array) -> None:
+    """Rows of F that the navigation does not fill: the flexure, ``l'' = -2 b l' - b^2 l + noise``."""
+    if config.flexure is not None:
+        beta = _MARKOV_2 / config.flexure.time
+        angle, rate = states.block("flexure"), states.block("flexure_rate")
+        F[angle, rate] = np.eye(3)
+        F[rate, angle] = -(beta**2) * np.eye(3)
+        F[rate, rate] = -2.0 * beta * np.eye(3)
+
+
+@dataclass(frozen=True)
+class Instant:
+    """What a measurement is linearised at, one or many: leading axes (...).
+
+    Attributes
+    ----------
+    C : ndarray, shape (..., 3, 3)
+        Takes the slave's axes to the frame of the errors.
+    velocity, acceleration : ndarray, shape (..., 3), m/s and m/s^2
+        Over the Earth, in the frame; of the velocity's components.
+    rate : ndarray, shape (..., 3), rad/s
+        Of the slave against the frame, in its own axes.
+    mounting : ndarray, shape (..., 3), rad
+    lever : ndarray, shape (..., 3), m
+        From master to slave, in the master's axes.
+    """
+
+    C: Array
+    velocity: Array
+    acceleration: Array
+    rate: Array
+    mounting: Array
+    lever: Array
+
+
+def measurement(states: Layout, now: Instant, attitude: bool) -> Array:
+    """Matrix H of velocity, and attitude, matching.
+
+    Parameters
+    ----------
+    states : Layout
+    now : Instant
+    attitude : bool
+        Whether the attitude is matched too.
+
+    Returns
+    -------
+    ndarray, shape (..., k, n)
+        Two rows (three in full form) of ``v~ - v_master - C~ (w x l)``, then three of ``-log(C~ (C~_master exp(mu))')``.
+
+    Notes
+    -----
+    In the wander form the master's velocity and attitude are brought to the slave's own computed frame; an error theta of that
+    frame is in the difference, ``dv - v x theta`` and ``phi - C mu - theta``. In the geographic form both are taken in east,
+    north, up
+    as each one computes it.
+    """
+    rows = states.at[1]
+    H = np.zeros((*now.C.shape[:-2], rows + 3 * attitude, len(states)))
+    s = states.block
+    H[..., :rows, s("velocity")] = np.eye(rows)
+    lever = np.einsum("...ji,...j->...i", rotation_matrix(now.mounting), now.lever)  # in the slave's axes
+    swung = now.C @ skew(now.rate)  # C (w x .)
+    carried = np.einsum("...ij,...j->...i", swung, lever)
+    H[..., :rows, s("attitude")] = -skew(carried)[..., :rows, :]
+    turning = (swung @ skew(lever))[..., :rows, :]
+    H[..., :rows, s("mounting")] = turning
+    if "lever" in states.blocks:
+        to_slave = np.swapaxes(rotation_matrix(now.mounting), -1, -2)
+        H[..., :rows, s("lever")] = (swung @ to_slave)[..., :rows, :]
+    if "flexure" in states.blocks:
+        H[..., :rows, s("flexure")] = turning
+        H[..., :rows, s("flexure_rate")] = (now.C @ skew(lever))[..., :rows, :]
+    if "delay" in states.blocks:
+        H[..., :rows, s("delay")] = now.acceleration[..., :rows, None]
+    axes = _turned_axes(states)
+    H[..., :rows, s("position")] = -(skew(now.velocity) @ axes)[..., :rows, :]
+    if attitude:
+        _attitude_rows(states, now, axes, H[..., rows:, :])
+    return H
+
+
+def _turned_axes(states: Layout) -> Array:
+    """How the frame that both are compared in turns with the states of position, (3, k)."""
+    count = states.at[4]
+    if states.geographic:
+        return np.zeros((3, count))
+    return np.eye(3)[:, 3 - count :] if count == 1 else np.eye(3)
+
+
+def _attitude_rows(states: Layout, now: Instant, axes: Array, H: Array) -> None:
+    """The three rows of the attitude, filled in."""
+    s = states.block
+    H[..., s("attitude")] = np.eye(3)
+    H[..., s("mounting")] = -now.C
+    H[..., s("position")] = -axes
+    if "flexure" in states.blocks:
+        H[..., s("flexure")] = -now.C
+    if "delay" in states.blocks:
+        H[..., s("delay")] = -np.einsum("...ij,...j->...i", now.C, now.rate)[..., None]

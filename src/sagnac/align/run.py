@@ -1,0 +1,173 @@
+"""One transfer alignment from samples to estimates: the slave's increments against the master's log, update by update."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..earth import radii
+from ..errors import InputError
+from ..frames import Array, rotation_matrix
+from ..navigate.state import State
+from . import model
+from .filter import Filter, Reference
+from .history import History, Run
+from .samples import Feed, Slave
+
+if TYPE_CHECKING:
+    from .config import Config
+    from .master import Master
+
+_POLAR = np.radians(89.0)
+"""Beyond this latitude east and north turn too quickly for models that stand on them."""
+
+
+def transfer(
+    config: Config,
+    slave: Slave,
+    master: Master,
+    *,
+    mounting: Array | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Run:
+    """Align a slave from its master.
+
+    Parameters
+    ----------
+    config : Config
+    slave : Slave
+    master : Master
+    mounting : ndarray, shape (3,), rad, optional
+        Where to linearise first, for mountings of tens of degrees (see :mod:`sagnac.align.large`). It is no prior knowledge:
+        that
+        stays centred at zero.
+    progress : callable, optional
+        Takes the time reached, s.
+
+    Raises
+    ------
+    InputError
+        When the two do not overlap, or the master gives no attitude to start with.
+    DataError
+        When a gap in the slave's samples is too long to bridge, or the covariance is lost.
+    """
+    stamps = master.time - config.latency
+    first, samples = _chosen(config, slave, master, stamps)
+    gaps = slave.gaps()
+    _refuse_poles(config, master)
+    start = _start(config, slave, master, first, float(stamps[first]), mounting)
+    filter_ = Filter(config, model.layout_of(config), start, mounting)
+    walk = _Walk(config, slave, master, stamps, gaps, filter_, float(stamps[first]))
+    history = History(config, filter_, walk.raw)
+    attitude = config.matching == "velocity+attitude"
+    for k in samples:
+        target = float(stamps[k]) - filter_.delay
+        if target > slave.time[-1]:
+            break
+        while target - walk.now > 1.5 * config.update_interval:
+            walk.to(walk.now + config.update_interval)
+            history.note(walk.now, None)
+        if target - walk.now < 1e-9:
+            continue
+        walk.to(target)
+        history.note(walk.now, filter_.match(_reference(master, k), attitude=attitude))
+        if progress is not None:
+            progress(walk.now)
+    bridged = ((float(slave.time[i]), float(slave.time[i + 1]), "no samples of the slave, bridged") for i in gaps)
+    return history.run(tuple(bridged))
+
+
+class _Walk:
+    """The slave from time to time: the filter's navigation, and the one that goes on alone."""
+
+    def __init__(
+        self,
+        config: Config,
+        slave: Slave,
+        master: Master,
+        stamps: Array,
+        gaps: list[int],
+        filter_: Filter,
+        start: float,
+    ) -> None:
+        self._slave, self._gaps, self._filter = slave, set(gaps), filter_
+        self._feed = Feed(slave, start)
+        self.now = start
+        self.raw = filter_.twin() if config.correction == "output" else None
+        self._follows = config.states == "short"  # the height then follows the master's vertical velocity
+        risen = 0.5 * (master.velocity[1:, 2] + master.velocity[:-1, 2]) * np.diff(stamps)
+        self._risen = stamps, np.concatenate([[0.0], np.cumsum(risen)])
+        self._base = float(filter_.navigator.state.height) - float(np.interp(start, *self._risen))
+
+    def to(self, stop: float) -> None:
+        """Go on to a time."""
+        steps, turns, pushes, part = self._feed.until(stop)
+        heights = None
+        if self._follows:
+            heights = self._base + np.interp(self.now + np.cumsum(steps), *self._risen)
+        self._filter.advance(turns, pushes, steps, heights)
+        if self.raw is not None:
+            self.raw.advance(turns, pushes, steps, heights)
+        for gap in self._gaps.intersection(part):
+            self._filter.bridged(*self._slave.doubt(gap))
+        self._gaps.difference_update(part)
+        self.now = stop
+
+
+def _chosen(config: Config, slave: Slave, master: Master, stamps: Array) -> tuple[int, list[int]]:
+    """The master's sample to start at, and those to match, as far apart as the updates are to be."""
+    inside = np.flatnonzero((stamps >= slave.time[0] - 1e-9) & (stamps <= slave.time[-1] + 1e-9))
+    if inside.size < 2:
+        raise InputError(
+            f"{master.name} ({stamps[0]:g} to {stamps[-1]:g} s) and {slave.name} ({slave.time[0]:g} to {slave.time[-1]:g} s) "
+            f"have {inside.size} samples of the master in common: are they of the same run, on the same clock?"
+        )
+    out: list[int] = []
+    last = stamps[inside[0]]
+    for k in inside[1:]:
+        if stamps[k] - last > config.update_interval - 0.5 * master.interval:
+            out.append(int(k))
+            last = stamps[k]
+    return int(inside[0]), out
+
+
+def _refuse_poles(config: Config, master: Master) -> None:
+    """Only the wander form with all states has no singular place."""
+    if float(np.abs(master.latitude).max()) > _POLAR and (config.method != "wander" or config.states != "full"):
+        raise InputError(
+            f"{master.name}: goes beyond 89 deg of latitude, where east, north and the wander angle are no good measure of an error: "
+            'write method = "wander" and states = "full"'
+        )
+
+
+def _start(config: Config, slave: Slave, master: Master, k: int, time: float, mounting: Array | None) -> State:
+    """Of the slave: the master's position, velocity and attitude, moved over the lever arm."""
+    if master.attitude is None:
+        raise InputError(
+            f"{master.name}: heading, pitch and roll are missing: the slave starts with the master's attitude"
+        )
+    C_m_n = master.attitude[k]
+    first, last = np.searchsorted(slave.time[1:], [time, time + 0.1])
+    part = slice(first, max(last, first + 1))
+    rate = slave.turns[part].sum(axis=0) / slave.steps[part].sum()
+    turned = np.eye(3) if mounting is None else rotation_matrix(mounting)
+    lever = np.array(config.lever_arm)
+    shift = C_m_n @ lever
+    meridian, normal = radii(master.latitude[k])
+    height = master.height[k] + shift[2]
+    return State.at(
+        master.latitude[k] + shift[1] / (meridian + height),
+        master.longitude[k] + shift[0] / ((normal + height) * np.cos(master.latitude[k]))
+        if lever.any()
+        else master.longitude[k],
+        height,
+        master.velocity[k] + C_m_n @ np.cross(turned @ rate, lever),
+        C_m_n @ turned,
+    )
+
+
+def _reference(master: Master, k: int) -> Reference:
+    attitude = master.attitude[k] if master.attitude is not None else None
+    return Reference(float(master.latitude[k]), float(master.longitude[k]), master.velocity[k], attitude)
