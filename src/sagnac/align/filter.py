@@ -295,7 +295,8 @@ class Filter:
     def _turn_covariance(self, attitude: Array, mounting: Array) -> None:
         """Errors left after the feedback are rotations against the new values.
 
-        With ``C~ -> exp(phi) C~`` and ``exp(mu) -> exp(mu) exp(x)`` they are ``Jl(phi)`` and ``Jr(x)`` of what they were. Without it
+        With ``C~ -> exp(phi) C~`` and ``exp(mu) -> exp(mu) exp(x)`` they are ``Jl(phi)`` and ``Jr(x)`` of what they were.
+        Without it
         the mounting would be off by the product of the estimates of its azimuth and its level, 0.1 arcmin for 0.5 and 0.2 deg.
         """
         if max(np.abs(attitude).max(), np.abs(mounting).max()) < _NO_TURN:

@@ -10,6 +10,7 @@ import numpy as np
 from ..frames import Array, heading_pitch_roll
 from ..navigate.state import State
 from ..navigate.strapdown import Navigator
+from . import model
 from .observability import Observability, Observer
 from .smoother import Passed, smooth
 
@@ -160,15 +161,9 @@ class History:
         self._matches.append(match)
 
     def _tilt(self, state: State) -> Array:
-        """Covariance of the attitude error in east, north, up: what turns the computed frame itself is taken off."""
-        s, P = self._states.block, self._filter.P
-        pick = np.zeros((3, len(self._states)))
-        pick[:, s("attitude")] = np.eye(3)
-        if not self._states.geographic:
-            where = s("position")
-            pick[:, where] = -np.eye(3)[:, 3 - (where.stop - where.start) :]
-            pick = state.C_w_n @ pick
-        return np.asarray(pick @ P @ pick.T)
+        """Covariance of the attitude error in east, north, up."""
+        pick = model.north_errors(self._states, state.C_w_n)
+        return np.asarray(pick @ self._filter.P @ pick.T)
 
     def run(self, skipped: tuple[tuple[float, float, str], ...]) -> Run:
         """All of it."""

@@ -173,8 +173,10 @@ def prior(config: Config, states: Layout, C: Array, height: float) -> Array:
     if config.flexure is not None:
         spread[attitude, states.block("flexure")] = C * sigma[states.block("flexure")]
     out = spread @ spread.T
-    # the attitude that the slave starts with is one reading of the master's
-    out[attitude, attitude] += (config.noise.attitude or 0.0) ** 2 * np.eye(3)
+    if config.matching == "velocity+attitude":
+        # the attitude that the slave starts with is one reading of the master's; with velocities alone the mounting is told
+        # against that reading, as nothing can tell it from the master's true attitude
+        out[attitude, attitude] += (config.noise.attitude or 0.0) ** 2 * np.eye(3)
     return np.asarray(out)
 
 
@@ -295,3 +297,26 @@ def _attitude_rows(states: Layout, now: Instant, axes: Array, H: Array) -> None:
         H[..., s("flexure")] = -now.C
     if "delay" in states.blocks:
         H[..., s("delay")] = -np.einsum("...ij,...j->...i", now.C, now.rate)[..., None]
+
+
+def north_errors(states: Layout, C_w_n: Array) -> Array:
+    """Matrix that takes the states to the attitude error Phi in east, north, up: what turned the computed frame is taken off.
+
+    Parameters
+    ----------
+    states : Layout
+    C_w_n : ndarray, shape (..., 3, 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 3, n)
+        In the wander form ``Phi = C_w_n (phi - theta)`` (Huang et al. 2011: the heading error is not phi_z); in the
+        geographic one
+        the states themselves.
+    """
+    pick = np.zeros((*C_w_n.shape[:-2], 3, len(states)))
+    pick[..., states.block("attitude")] = np.eye(3)
+    if states.geographic:
+        return pick
+    pick[..., states.block("position")] = -_turned_axes(states)
+    return np.asarray(C_w_n @ pick)

@@ -125,9 +125,9 @@ def _chosen(config: Config, slave: Slave, master: Master, stamps: Array) -> tupl
             f"have {inside.size} samples of the master in common: are they of the same run, on the same clock?"
         )
     out: list[int] = []
-    last = stamps[inside[0]]
+    last, least = stamps[inside[0]], config.update_interval - 0.5 * master.interval
     for k in inside[1:]:
-        if stamps[k] - last > config.update_interval - 0.5 * master.interval:
+        if stamps[k] - last > least:
             out.append(int(k))
             last = stamps[k]
     return int(inside[0]), out

@@ -11,7 +11,7 @@ from .kalman import propagate, transition, update
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def follow(  # type: ignore[no-untyped-def]
-    C, v, u, h, f, steps, earth_rate, ellipsoid, at, still, H, R, noise, P, product, gramian, sigmas
+    C, v, u, h, f, steps, earth_rate, ellipsoid, at, still, H, R, noise, pick, P, product, gramian, sigmas, picked
 ):
     """Propagate over each interval and update at its end.
 
@@ -27,10 +27,14 @@ def follow(  # type: ignore[no-untyped-def]
     R : ndarray, shape (k,)
     noise : ndarray, shape (n,)
         Density of the driving noise.
+    pick : ndarray, shape (m, 3, n)
+        Combinations of states of which the covariance is wanted too.
     P, product, gramian : ndarray, shape (n, n)
         Covariance, transition from the start, and Gramian ``sum (H T)' R^-1 (H T)``; in place.
     sigmas : ndarray, shape (m, n)
         Filled with the standard deviations after each update.
+    picked : ndarray, shape (m, 3, 3)
+        Filled with the covariance of the combinations.
     """
     m, k, n = H.shape
     F, phi, room = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
@@ -62,3 +66,11 @@ def follow(  # type: ignore[no-untyped-def]
                     gramian[b, c] += seen[b] * seen[c] / R[a]
         for a in range(n):
             sigmas[i, a] = np.sqrt(P[a, a])
+        for a in range(3):
+            for b in range(3):
+                total = 0.0
+                for c in range(n):
+                    if pick[i, a, c] != 0.0:
+                        for d in range(n):
+                            total += pick[i, a, c] * P[c, d] * pick[i, b, d]
+                picked[i, a, b] = total
