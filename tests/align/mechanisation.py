@@ -1,4 +1,4 @@
-"""The nonlinear mechanisation written down once more, in plain NumPy that takes complex numbers: the oracle of the error models."""
+"""The nonlinear mechanisation once more, in plain NumPy that takes complex numbers: the oracle of the error models."""
 
 from __future__ import annotations
 

@@ -107,7 +107,10 @@ def test_two_navigations_side_by_side_part_as_the_transition_matrix_says():
     def after(x):
         navigator = Navigator(start, samples=2)
         navigator.correct(
-            attitude=-x[s("attitude")], velocity=-x[s("velocity")], position=-x[s("position")], height=-x[s("height")][0]
+            attitude=-x[s("attitude")],
+            velocity=-x[s("velocity")],
+            position=-x[s("position")],
+            height=-x[s("height")][0],
         )
         turns, pushes = np.outer(steps, rate + x[s("gyro")]), np.outer(steps, force + x[s("accel")])
         navigator.advance(turns, pushes, steps)

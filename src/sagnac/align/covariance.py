@@ -1,8 +1,7 @@
-"""The alignment's question without data: how well would each state be known along a course?
+"""The alignment's question without data: how well will each state be known along a course.
 
-The covariance of a Kalman filter does not depend on what is measured: following it along the true course, with the same model
-as the filter's, gives the
-standard deviations that many runs would show.
+The covariance of a Kalman filter does not depend on what is measured: following it along the true course, with the same model as
+the filter's, gives the standard deviations that many runs would show.
 """
 
 from __future__ import annotations
@@ -44,15 +43,16 @@ def covariance(config: Config) -> Run:
     Raises
     ------
     InputError
-        When the configuration has no course.
+        When the configuration has no course, or one over a pole in a form that cannot go there.
     """
     if config.trajectory is None:
         raise InputError("[trajectory] is missing: a covariance analysis needs the course that the master would take")
     from ..navigate.trajectory import Trajectory
 
-    course = Trajectory.of(config.trajectory)
+    course = Trajectory.of(config.trajectory, earth_rate=config.earth_rate)
     states = model.layout_of(config)
     times = config.update_interval * np.arange(int(course.duration / config.update_interval + 1e-9) + 1)
+    model.refuse_poles(config, course.state(times).place[0], "[trajectory]")
     start = course.state(times[:1])
     first = model.prior(config, states, _frames(states, start)[0] @ start.C_b_w[0], float(start.height[0]))
     P, product, gramian = first.copy(), np.eye(len(states)), np.zeros_like(first)

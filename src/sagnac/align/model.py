@@ -21,12 +21,14 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ..earth import ELLIPSOID
+from ..errors import InputError
 from ..frames import Array, rotation_matrix, skew
 
 if TYPE_CHECKING:
     from .config import Config
 
 _AXES = ("x", "y", "z")
+_POLAR = np.radians(89.0)
 _MARKOV_2 = 2.146
 """Second-order Markov process: its rate is this over the correlation time (Kain & Cloutier 1989, AIAA 89-3558)."""
 
@@ -131,6 +133,28 @@ def layout_of(config: Config) -> Layout:
         flexure=config.flexure is not None,
         delay=config.initial.delay is not None,
     )
+
+
+def refuse_poles(config: Config, latitude: Array, name: str) -> None:
+    """Only the wander form with all states has no singular place: the others measure errors against east and north.
+
+    Parameters
+    ----------
+    config : Config
+    latitude : ndarray, shape (m,), rad
+    name : str
+        For the message.
+
+    Raises
+    ------
+    InputError
+        When the latitude is beyond 89 deg and the form is another one.
+    """
+    if float(np.abs(latitude).max()) > _POLAR and (config.method != "wander" or config.states != "full"):
+        raise InputError(
+            f"{name}: goes beyond 89 deg of latitude, where east, north and the wander angle are no good measure of an error: "
+            'write method = "wander" and states = "full"'
+        )
 
 
 def prior(config: Config, states: Layout, C: Array, height: float) -> Array:

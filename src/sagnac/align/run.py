@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from .config import Config
     from .master import Master
 
-_POLAR = np.radians(89.0)
-"""Beyond this latitude east and north turn too quickly for models that stand on them."""
-
 
 def transfer(
     config: Config,
@@ -56,7 +53,7 @@ def transfer(
     stamps = master.time - config.latency
     first, samples = _chosen(config, slave, master, stamps)
     gaps = slave.gaps()
-    _refuse_poles(config, master)
+    model.refuse_poles(config, master.latitude, master.name)
     start = _start(config, slave, master, first, float(stamps[first]), mounting)
     filter_ = Filter(config, model.layout_of(config), start, mounting)
     walk = _Walk(config, slave, master, stamps, gaps, filter_, float(stamps[first]))
@@ -131,15 +128,6 @@ def _chosen(config: Config, slave: Slave, master: Master, stamps: Array) -> tupl
             out.append(int(k))
             last = stamps[k]
     return int(inside[0]), out
-
-
-def _refuse_poles(config: Config, master: Master) -> None:
-    """Only the wander form with all states has no singular place."""
-    if float(np.abs(master.latitude).max()) > _POLAR and (config.method != "wander" or config.states != "full"):
-        raise InputError(
-            f"{master.name}: goes beyond 89 deg of latitude, where east, north and the wander angle are no good measure of an error: "
-            'write method = "wander" and states = "full"'
-        )
 
 
 def _start(config: Config, slave: Slave, master: Master, k: int, time: float, mounting: Array | None) -> State:
