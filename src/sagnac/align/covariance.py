@@ -17,14 +17,14 @@ from ..navigate import wander
 from ..navigate.state import State
 from . import model
 from .history import Run, angle_sigmas, innovation_names
-from .observability import directions
+from .observability import Observer
 
 if TYPE_CHECKING:
     from ..navigate.trajectory import Trajectory
     from .config import Config
 
-_PIECE = 2000
-"""Updates at a time: what bounds the memory besides the results."""
+_PIECE = 100
+"""Updates at a time: what bounds the memory besides the results, and from one look at the Gramian to the next."""
 
 
 def covariance(config: Config) -> Run:
@@ -51,17 +51,17 @@ def covariance(config: Config) -> Run:
 
     course = Trajectory.of(config.trajectory, earth_rate=config.earth_rate)
     states = model.layout_of(config)
-    times = config.update_interval * np.arange(int(course.duration / config.update_interval + 1e-9) + 1)
+    count = int(course.duration / config.update_interval + 1e-9)
+    times = np.asarray(config.update_interval * np.arange(count + 1.0), dtype=np.float64)
     model.refuse_poles(config, course.state(times).place[0], "[trajectory]")
     start = course.state(times[:1])
     first = model.prior(config, states, _frames(states, start)[0] @ start.C_b_w[0], float(start.height[0]))
-    P, product, gramian = first.copy(), np.eye(len(states)), np.zeros_like(first)
-    found = [
-        _follow(config, states, course, times[i : i + _PIECE + 1], P, product, gramian)
-        for i in range(0, times.size - 1, _PIECE)
-    ]
+    P, observer = first.copy(), Observer(first, states.names)
+    found = []
+    for i in range(0, times.size - 1, _PIECE):
+        found.append(_follow(config, states, course, times[i : i + _PIECE + 1], P, observer))
+        observer.look(float(times[min(i + _PIECE, times.size - 1)]))
     sigmas, angles, spread, places = (np.concatenate(part) for part in zip(*found, strict=True))
-    count = times.size - 1
     attitude = config.matching == "velocity+attitude"
     rows = innovation_names(states.geographic, int(states.at[1]), attitude)
     nothing = np.full((count, len(rows)), np.nan)
@@ -81,7 +81,7 @@ def covariance(config: Config) -> Run:
         angles,
         spread,
         places,
-        directions(first, gramian, states.names, P),
+        observer.result(P),
         State(end.C_b_w[0], end.velocity[0], end.C_e_w[0], end.height[0]),
     )
 
@@ -96,7 +96,7 @@ def _apply(matrices: Array, vectors: Array) -> Array:
 
 
 def _follow(
-    config: Config, states: model.Layout, course: Trajectory, times: Array, P: Array, product: Array, gramian: Array
+    config: Config, states: model.Layout, course: Trajectory, times: Array, P: Array, observer: Observer
 ) -> tuple[Array, Array, Array, Array]:
     """Over some updates: standard deviations, attitude angles and theirs, places."""
     from ..kernels.covariance import follow
@@ -140,8 +140,8 @@ def _follow(
         model.driving_noise(config, states),
         model.north_errors(states, after.C_w_n),
         P,
-        product,
-        gramian,
+        observer.transition,
+        observer.gramian,
         sigmas,
         tilts,
     )

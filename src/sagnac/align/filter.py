@@ -16,7 +16,7 @@ import numpy as np
 
 from ..earth import ELLIPSOID, normal_gravity
 from ..errors import DataError
-from ..frames import Array, rotation_matrix, rotation_vector, skew
+from ..frames import Array, cross, rotation_matrix, rotation_vector, skew
 from ..kernels import error_model, kalman
 from ..navigate import wander
 from ..navigate.state import State
@@ -108,6 +108,7 @@ class Filter:
         excess = config.gravity - normal_gravity(latitude, height) if config.gravity is not None else 0.0
         self._excess = excess
         self.navigator = self._navigator(start)
+        self._now: State | None = None
         n = len(states)
         self.values = np.zeros(n)
         self.values[states.block("lever")] = config.lever_arm if "lever" in states.blocks else []
@@ -137,7 +138,7 @@ class Filter:
 
     def twin(self) -> Navigator:
         """The same navigation as it stands, to be left to itself."""
-        return self._navigator(self.navigator.state)
+        return self._navigator(self.state)
 
     def _frame(self, state: State) -> Array:
         """Takes coordinates in w to the frame of the errors."""
@@ -156,6 +157,13 @@ class Filter:
         both[where, where] = np.linalg.inv(left_jacobian(mounting))
         both[attitude, attitude] = C @ both[where, where] @ C.T
         self.P = both @ self.P @ both.T
+
+    @property
+    def state(self) -> State:
+        """Attitude, velocity and position as they are now."""
+        if self._now is None:
+            self._now = self.navigator.state
+        return self._now
 
     @property
     def lever(self) -> Array:
@@ -193,11 +201,12 @@ class Filter:
         """
         if not steps.size:
             return
-        before = self.navigator.state
+        before = self.state
         turns = turns - steps[:, None] * self.gyro_bias
         pushed = self.navigator.pushed.copy()
         self.navigator.advance(turns, pushes - steps[:, None] * self.accel_bias, steps, heights)
-        after = self.navigator.state
+        self._now = None
+        after = self.state
         time = float(steps.sum())
         frame = self._frame(after)
         force = frame @ (self.navigator.pushed - pushed) / time
@@ -224,8 +233,8 @@ class Filter:
         self._turning = last - after.C_b_w.T @ own
 
     def bridged(self, turned: Array, pushed: Array) -> None:
-        """Widen the covariance by what may have happened in a gap, 1 sigma of rotation (3,), rad, and velocity (3,), m/s, in b."""
-        state = self.navigator.state
+        """Widen the covariance by what may have happened in a gap: rotation and velocity, (3,), rad and m/s, one sigma, in b."""
+        state = self.state
         C = self._frame(state) @ state.C_b_w
         for block, spread in (("attitude", turned), ("velocity", pushed)):
             where = self.states.block(block)
@@ -243,7 +252,7 @@ class Filter:
         attitude : bool
             Whether its attitude is matched too.
         """
-        state = self.navigator.state
+        state = self.state
         C = self._frame(state) @ state.C_b_w
         now = model.Instant(
             C,
@@ -272,7 +281,7 @@ class Filter:
         """Take the estimated errors out of everything in use; returns what was taken out, shape (n,)."""
         x = self.x.copy()
         s = self.states.block
-        state = self.navigator.state
+        state = self.state
         back = self._frame(state).T
         velocity, position = np.zeros(3), np.zeros(3)
         velocity[: self.states.at[1]] = x[s("velocity")]
@@ -284,6 +293,7 @@ class Filter:
         self.navigator.correct(
             attitude=back @ x[s("attitude")], velocity=back @ velocity, position=back @ position, height=height
         )
+        self._now = None
         for block in ("gyro", "accel", "lever", "flexure", "flexure_rate", "delay"):
             self.values[s(block)] += x[s(block)]
         mounting = s("mounting")
@@ -311,7 +321,7 @@ class Filter:
 
     def less(self, other: State) -> Array:
         """Errors of another navigation, this one taken for true, shape (n,); zero for the states that are no such errors."""
-        s, out, own = self.states.block, np.zeros(len(self.states)), self.navigator.state
+        s, out, own = self.states.block, np.zeros(len(self.states)), self.state
         both = [(self._frame(o), o) for o in (other, own)]
         velocity = [frame @ o.velocity for frame, o in both]
         out[s("velocity")] = (velocity[0] - velocity[1])[: self.states.at[1]]
@@ -340,7 +350,7 @@ class Filter:
         turned = rotation_matrix(now.mounting)
         flexing = self.values[self.states.block("flexure_rate")]
         rate = now.rate - flexing if flexing.size else now.rate
-        carried = now.C @ np.cross(rate, turned.T @ self.lever)
+        carried = now.C @ cross(rate, turned.T @ self.lever)
         out = (now.velocity - to_frame @ reference.velocity - carried)[: self.states.at[1]]
         if not attitude or reference.attitude is None:
             return np.asarray(out)
@@ -353,10 +363,8 @@ def left_jacobian(vector: Array) -> Array:
     angle = float(np.linalg.norm(vector))
     if angle < 1e-6:
         return np.asarray(np.eye(3) + 0.5 * skew(vector))
-    cross = skew(vector) / angle
-    return np.asarray(
-        np.eye(3) + (1.0 - np.cos(angle)) / angle * cross + (1.0 - np.sin(angle) / angle) * (cross @ cross)
-    )
+    axis = skew(vector) / angle
+    return np.asarray(np.eye(3) + (1.0 - np.cos(angle)) / angle * axis + (1.0 - np.sin(angle) / angle) * (axis @ axis))
 
 
 def _threshold(probability: float, rows: int) -> float:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 STEADY = np.radians(3.0)
 """Estimates of the attitude smaller than this are fed back."""
+_LOOK = 20
+"""Updates from one look at the Gramian to the next."""
 OF_NAVIGATION = ("velocity", "attitude", "position", "height")
 """Blocks of states that are errors of the navigation; the others are parameters."""
 
@@ -143,6 +145,8 @@ class History:
         self._observer.advance(filter_.phi)
         if match is not None and match.used:
             self._observer.see(match.H, match.R)
+        if len(self._times) % _LOOK == 0:
+            self._observer.look(time)
         steady = float(np.abs(filter_.x[s("attitude")]).max()) < STEADY
         x = filter_.feed_back() if steady else filter_.x.copy()
         if self._config.smooth:
@@ -151,7 +155,7 @@ class History:
         errors = x if self._raw is None else filter_.less(self._raw.state)
         for block in OF_NAVIGATION:
             values[s(block)] = errors[s(block)]
-        state = filter_.navigator.state
+        state = filter_.state
         self._times.append(time)
         self._values.append(values)
         self._sigmas.append(np.sqrt(filter_.P.diagonal()))
@@ -193,7 +197,7 @@ class History:
             angle_sigmas(C, np.stack(self._tilts)),
             np.stack(self._places),
             self._observer.result(last.P),
-            last.navigator.state,
+            last.state,
             skipped,
             smoothed,
             smoothed_sigmas,

@@ -27,12 +27,17 @@ class Observability:
         deviation, as far as the noise that drives the states allows. From the best seen to the least.
     directions : ndarray, shape (r, n)
         What each of them is: changes of the states in units of their first standard deviations.
+    times : ndarray, shape (j,), s
+    over_time : ndarray, shape (j, r)
+        The gains at these times, each time from the largest to the least.
     """
 
     names: tuple[str, ...]
     ratio: Array
     gains: Array
     directions: Array
+    times: Array
+    over_time: Array
 
     def unseen(self, gain: float = 1.0) -> list[str]:
         """Directions of less than this gain in words: the states that move together."""
@@ -52,28 +57,6 @@ class Observability:
         return out
 
 
-def directions(first: Array, gramian: Array, names: Sequence[str], last: Array) -> Observability:
-    """Singular values and directions of a Gramian, weighed with what was known at the start.
-
-    Parameters
-    ----------
-    first, last : ndarray, shape (n, n)
-        Covariance at the start and at the end.
-    gramian : ndarray, shape (n, n)
-        Of the states at the start.
-    names : sequence of str, length n
-    """
-    sigma = np.sqrt(np.diag(first))
-    scale = np.where(sigma > 0, sigma, 1.0)
-    values, vectors = np.linalg.eigh(first / np.outer(scale, scale))
-    kept = values > 1e-9 * values[-1]
-    root = vectors[:, kept] * np.sqrt(values[kept])
-    whole = root * scale[:, None]
-    gains, turned = np.linalg.eigh(whole.T @ gramian @ whole)
-    ratio = np.sqrt(np.maximum(np.diag(last), 0.0)) / np.where(sigma > 0, sigma, np.nan)
-    return Observability(tuple(names), ratio, np.maximum(gains[::-1], 0.0), (root @ turned).T[::-1])
-
-
 class Observer:
     """Gathers the Gramian along a run.
 
@@ -85,19 +68,45 @@ class Observer:
     """
 
     def __init__(self, first: Array, names: Sequence[str]) -> None:
-        self._first, self._names = first.copy(), names
-        self._transition = np.eye(len(names))
-        self._gramian = np.zeros_like(first)
+        self._first, self._names = first.copy(), tuple(names)
+        sigma = np.sqrt(np.diag(first))
+        self._scale = np.where(sigma > 0, sigma, 1.0)
+        values, vectors = np.linalg.eigh(first / np.outer(self._scale, self._scale))
+        kept = values > 1e-9 * values[-1]  # copies of others, and what is known exactly, are no directions of their own
+        self._root = vectors[:, kept] * np.sqrt(values[kept])
+        self.transition, self.gramian = np.eye(sigma.size), np.zeros_like(first)
+        self._times: list[float] = []
+        self._looks: list[Array] = []
 
     def advance(self, transition: Array) -> None:
         """Go on by a transition matrix, (n, n)."""
-        self._transition = transition @ self._transition
+        self.transition = transition @ self.transition
 
     def see(self, H: Array, R: Array) -> None:
         """Take in measurements with matrix H, (k, n), and variances R, (k,)."""
-        seen = (H @ self._transition) / np.sqrt(R)[:, None]
-        self._gramian += seen.T @ seen
+        seen = (H @ self.transition) / np.sqrt(R)[:, None]
+        self.gramian += seen.T @ seen
+
+    def _weighed(self) -> Array:
+        whole = self._root * self._scale[:, None]
+        return np.asarray(whole.T @ self.gramian @ whole)
+
+    def look(self, time: float) -> None:
+        """Note what is seen by now."""
+        self._times.append(time)
+        self._looks.append(np.maximum(np.linalg.eigvalsh(self._weighed())[::-1], 0.0))
 
     def result(self, last: Array) -> Observability:
-        """What was seen, given the covariance at the end."""
-        return directions(self._first, self._gramian, self._names, last)
+        """What was seen, given the covariance at the end, (n, n)."""
+        gains, turned = np.linalg.eigh(self._weighed())
+        sigma = np.sqrt(np.diag(self._first))
+        ratio = np.sqrt(np.maximum(np.diag(last), 0.0)) / np.where(sigma > 0, sigma, np.nan)
+        looks = np.stack(self._looks) if self._looks else np.zeros((0, gains.size))
+        return Observability(
+            self._names,
+            ratio,
+            np.maximum(gains[::-1], 0.0),
+            (self._root @ turned).T[::-1],
+            np.array(self._times),
+            looks,
+        )

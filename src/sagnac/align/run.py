@@ -96,7 +96,7 @@ class _Walk:
         self._follows = config.states == "short"  # the height then follows the master's vertical velocity
         risen = 0.5 * (master.velocity[1:, 2] + master.velocity[:-1, 2]) * np.diff(stamps)
         self._risen = stamps, np.concatenate([[0.0], np.cumsum(risen)])
-        self._base = float(filter_.navigator.state.height) - float(np.interp(start, *self._risen))
+        self._base = float(filter_.state.height) - float(np.interp(start, *self._risen))
 
     def to(self, stop: float) -> None:
         """Go on to a time."""
