@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sagnac.earth import EARTH_RATE, STANDARD_GRAVITY, earth_rate_enu, normal_gravity
+from sagnac.earth import EARTH_RATE, ELLIPSOID, STANDARD_GRAVITY, earth_rate_enu, normal_gravity, radii
 
 
 @pytest.mark.parametrize(
@@ -68,3 +68,21 @@ def test_constants():
     assert EARTH_RATE == 7.292115e-5  # rad/s, NIMA TR8350.2
     assert STANDARD_GRAVITY == 9.80665  # m/s^2, CGPM 1901
     assert earth_rate_enu(0.0, 1.0).tolist() == [0, 1, 0]
+
+
+def test_radii_are_those_of_the_ellipse_itself():
+    # an ellipse with half axes a, b: R_N = a^2 / sqrt(a^2 cos^2 + b^2 sin^2), R_M = a^2 b^2 / (...)^(3/2) (Torge, Geodesy, 4.1)
+    a, b = 6378137.0, 6356752.3142
+    for latitude in np.radians([0, 30, -45, 60, 89.9, 90]):
+        root = math.sqrt((a * math.cos(latitude)) ** 2 + (b * math.sin(latitude)) ** 2)
+        meridian, normal = radii(latitude)
+        assert normal == pytest.approx(a * a / root, rel=1e-10)
+        assert meridian == pytest.approx((a * b) ** 2 / root**3, rel=1e-10)
+
+
+def test_the_ellipsoid_of_the_kernels_gives_the_same_gravity():
+    a, e2, equator, k, p, q = ELLIPSOID
+    for latitude, height in ((0.0, 0.0), (1.0, 500.0), (-1.4, 12e3)):
+        s2, r = math.sin(latitude) ** 2, height / a
+        g = equator * (1 + k * s2) / math.sqrt(1 - e2 * s2) * (1 - (p - q * s2) * r + 3 * r * r)
+        assert g == pytest.approx(normal_gravity(latitude, height), rel=1e-14)

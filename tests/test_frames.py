@@ -11,7 +11,20 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from sagnac.frames import cross, rot_x, rot_y, rot_z, skew, tangents, unit, wahba
+from sagnac.frames import (
+    attitude_matrix,
+    cross,
+    heading_pitch_roll,
+    rot_x,
+    rot_y,
+    rot_z,
+    rotation_matrix,
+    rotation_vector,
+    skew,
+    tangents,
+    unit,
+    wahba,
+)
 
 EPS = np.finfo(float).eps
 angles = st.floats(-10, 10)
@@ -108,3 +121,29 @@ def test_wahba_agrees_with_scipy_on_noisy_directions():
 def test_wahba_never_returns_a_reflection():
     here = np.eye(3)
     assert np.linalg.det(wahba(here, here * [1, 1, -1])) == pytest.approx(1)
+
+
+@given(st.lists(st.floats(-1.8, 1.8), min_size=3, max_size=3), st.floats(1e-12, 1.0))
+def test_rotation_vectors_and_matrices_are_inverse(vector, size):
+    v = np.array(vector) * size
+    C = rotation_matrix(v)
+    assert np.allclose(C @ C.T, np.eye(3), atol=1e-15 * 8)
+    assert np.allclose(C, rotation_matrix(np.stack([v, v]))[1], atol=1e-15)
+    assert np.allclose(C, Rotation.from_rotvec(v).as_matrix(), atol=1e-15 * 4)
+    if np.linalg.norm(v) < np.pi - 1e-6:
+        assert np.allclose(rotation_vector(C), v, rtol=1e-9, atol=1e-15)
+        assert np.allclose(rotation_vector(np.stack([C, np.eye(3)])), [v, np.zeros(3)], rtol=1e-9, atol=1e-15)
+
+
+@given(st.floats(0, 6.28), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
+def test_heading_pitch_roll_are_those_of_the_convention(heading, pitch, roll):
+    C = attitude_matrix(heading, pitch, roll)
+    got = heading_pitch_roll(C)
+    assert np.allclose(attitude_matrix(*got), C, atol=1e-12)
+    assert np.allclose(got[1:], [pitch, roll], atol=1e-9)
+    nose, right = C[:, 1], C[:, 0]
+    assert np.sin(pitch) == pytest.approx(nose[2], abs=1e-12)  # nose up
+    assert np.arctan2(nose[0], nose[1]) % (2 * np.pi) == pytest.approx(
+        got[0] % (2 * np.pi), abs=1e-9
+    )  # clockwise from north
+    assert -right[2] == pytest.approx(np.sin(roll) * np.cos(pitch), abs=1e-12)  # right side down

@@ -6,6 +6,8 @@ only where the rig has real axes.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -94,6 +96,8 @@ def rotation_matrix(vector: ArrayLike) -> Array:
     ndarray, shape (..., 3, 3)
     """
     v = np.asarray(vector, dtype=float)
+    if v.ndim == 1:
+        return _one_rotation(*v.tolist())
     angle2 = np.einsum("...i,...i->...", v, v)[..., None, None]
     angle = np.sqrt(angle2)
     small = angle2 < 1e-8
@@ -102,6 +106,26 @@ def rotation_matrix(vector: ArrayLike) -> Array:
     second = np.where(small, 0.5 - angle2 / 24.0, 2.0 * (np.sin(0.5 * safe) / safe) ** 2)
     cross_matrix = skew(v)
     return np.asarray(np.eye(3) + first * cross_matrix + second * (cross_matrix @ cross_matrix))
+
+
+def _one_rotation(x: float, y: float, z: float) -> Array:
+    """The same for one vector, without the cost of stacks."""
+    angle2 = x * x + y * y + z * z
+    if angle2 < 1e-8:
+        first, second = 1.0 - angle2 / 6.0, 0.5 - angle2 / 24.0
+    else:
+        angle = math.sqrt(angle2)
+        first, second = math.sin(angle) / angle, 2.0 * (math.sin(0.5 * angle) / angle) ** 2
+    d = 1.0 - second * angle2
+    xy, xz, yz = second * x * y, second * x * z, second * y * z
+    x_, y_, z_ = first * x, first * y, first * z
+    return np.array(
+        [
+            [d + second * x * x, xy - z_, xz + y_],
+            [xy + z_, d + second * y * y, yz - x_],
+            [xz - y_, yz + x_, d + second * z * z],
+        ]
+    )
 
 
 def rotation_vector(matrix: Array) -> Array:
@@ -116,10 +140,23 @@ def rotation_vector(matrix: Array) -> Array:
     ndarray, shape (..., 3), rad
         Of length pi at most.
     """
-    from scipy.spatial.transform import Rotation
+    twice = np.stack(
+        [
+            matrix[..., 2, 1] - matrix[..., 1, 2],
+            matrix[..., 0, 2] - matrix[..., 2, 0],
+            matrix[..., 1, 0] - matrix[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    cosine = 0.5 * (matrix[..., 0, 0] + matrix[..., 1, 1] + matrix[..., 2, 2] - 1.0)
+    if np.any(cosine < -0.9):  # near half a turn the axis is no longer in the antisymmetric part
+        from scipy.spatial.transform import Rotation
 
-    flat = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_rotvec()
-    return np.asarray(flat).reshape(*matrix.shape[:-2], 3)
+        flat = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_rotvec()
+        return np.asarray(flat).reshape(*matrix.shape[:-2], 3)
+    sine = 0.5 * np.sqrt(np.einsum("...i,...i->...", twice, twice))
+    angle = np.arctan2(sine, cosine)
+    return np.asarray(np.where(sine > 1e-9, 0.5 * angle / np.maximum(sine, 1e-9), 0.5)[..., None] * twice)
 
 
 def skew(v: ArrayLike) -> Array:
