@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _AXES = ("x", "y", "z")
 _POLAR = np.radians(89.0)
 _MARKOV_2 = 2.146
-"""Second-order Markov process: its rate is this over the correlation time (Kain & Cloutier 1989, AIAA 89-3558)."""
+"""Second-order Markov process: its rate is this over the correlation time (Gelb, *Applied Optimal Estimation*, table 2.2-1)."""
 
 
 @dataclass(frozen=True)
