@@ -3,12 +3,55 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ValidationError
 
 from . import units
 from .errors import InputError
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def checked(model: type[_Model], table: object, name: str, place: str = "") -> _Model:
+    """A record of the table that a file holds.
+
+    Parameters
+    ----------
+    model : type of record
+    table : object
+    name : str
+        Of the file, for messages.
+    place : str
+        Key of the table in the file.
+
+    Raises
+    ------
+    InputError
+        With the keys at fault and what to write instead.
+    """
+    try:
+        return model.model_validate(table, context={"file": True})
+    except ValidationError as cause:
+        told = [problem(e, place) for e in cause.errors() if not _other_choice(e)]
+        raise InputError(f"{name}: " + "; ".join(dict.fromkeys(told))) from cause
+
+
+def problem(error: Mapping[str, Any], place: str) -> str:
+    """One complaint of pydantic with the key in front, `place` being the key of the table."""
+    own = [str(p) for p in error["loc"] if "[" not in str(p)]
+    what = {"extra_forbidden": "no such key", "missing": "is missing"}.get(
+        error["type"], str(error["msg"]).removeprefix("Value error, ")
+    )
+    return f"{'.'.join([place] * bool(place) + own) or 'the file'}: {what}"
+
+
+def _other_choice(error: Mapping[str, Any]) -> bool:
+    """Whether pydantic complains only that a name is no list, or a list no name."""
+    branch = {str(p).partition("[")[0] for p in error["loc"] if "[" in str(p)}
+    a_name = isinstance(error["input"], str)
+    return ("literal" in branch and not a_name) or ("tuple" in branch and a_name and error["type"] == "tuple_type")
 
 
 def si(text: object, unit: str, example: str) -> float:

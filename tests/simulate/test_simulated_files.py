@@ -19,7 +19,6 @@ from sagnac.plan import load as load_plan
 from sagnac.recording import open_recording
 from sagnac.simulate import scenario as scenarios
 from sagnac.simulate.run import Simulated, run
-from sagnac.simulate.vehicle import along_a_parallel, body_axes, rotation
 
 DEG = math.pi / 180
 
@@ -125,61 +124,6 @@ def test_an_interrupted_run_keeps_the_files_of_the_last_one(tmp_path):
 
 
 _NAMES = ("recording.parquet", "plan.toml", "truth.json")
-
-
-# ------------------------------------------------------------------------------------------------------ vehicle
-
-
-def test_along_a_parallel():
-    # 60 deg N, 10 m/s east, sphere and ellipsoid by hand: R_N = a / sqrt(1 - e^2 sin^2 L) = 6394209.2 m
-    force, rate, turning = along_a_parallel(60 * DEG, 0.0, 10.0, 9.819)
-    w, r = 7.292115e-5, 6394209.174
-    c, s = 0.5, math.sqrt(0.75)
-    np.testing.assert_allclose(rate, [0, w * c + 10 / r, w * s + 10 / r * s / c], rtol=1e-12)
-    # Coriolis and centripetal acceleration of a point that goes east: north 2 w v sin L + v^2 tan L / R, up the reverse
-    north, up = 2 * w * 10 * s + 100 * s / c / r, -2 * w * 10 * c - 100 / r
-    np.testing.assert_allclose(force, [0, north, 9.819 + up], rtol=1e-12)
-    assert turning == pytest.approx(10 / (r * c), rel=1e-12)
-
-
-def test_body_axes_and_small_turns():
-    # heading east: forward is east, right is south
-    c = body_axes(90 * DEG)
-    np.testing.assert_allclose(c[:, 0], [0, -1, 0], atol=1e-15)
-    np.testing.assert_allclose(c[:, 1], [1, 0, 0], atol=1e-15)
-    v = np.array([1e-6, 2e-6, -3e-6])
-    np.testing.assert_allclose(
-        rotation(v) - np.eye(3), [[0, 3e-6, 2e-6], [-3e-6, 0, -1e-6], [-2e-6, 1e-6, 0]], atol=1e-11
-    )
-
-
-def test_transfer_scenario(tmp_path):
-    done = run(scenarios.load("transfer"), tmp_path, seed=1)
-    assert [f.name for f in done.files] == ["recording.parquet", "master.parquet", "config.toml", "truth.json"]
-    master = parquet.read_table(tmp_path / "master.parquet")
-    assert master.column_names == [
-        "time [s]", "latitude [deg]", "longitude [deg]", "height [m]", "v_east [m/s]", "v_north [m/s]", "v_up [m/s]",
-        "heading [deg]", "pitch [deg]", "roll [deg]",
-    ]  # fmt: skip
-    assert master.num_rows == 9001
-    velocity = np.column_stack([master[f"v_{n} [m/s]"].to_numpy() for n in ("east", "north", "up")])
-    # 19.44 kn, and 0.01 m/s of white noise: mean within four standard deviations, standard deviation within 3 %
-    np.testing.assert_allclose(velocity.mean(axis=0), [19.44 * 1852 / 3600, 0, 0], atol=4 * 0.01 / math.sqrt(9001))
-    np.testing.assert_allclose(velocity.std(axis=0), 0.01, rtol=4 / math.sqrt(2 * 9001))
-    # master's longitude is its velocity over the parallel's radius
-    turned = (master["longitude [deg]"][-1].as_py() - 108.0) * DEG
-    assert turned == pytest.approx(900 * along_a_parallel(60 * DEG, 0, 19.44 * 1852 / 3600, 9.8)[2], rel=1e-9)
-    batch = open_recording(done.files[0]).read()
-    # the slave's mean readings are its biases and the master's inputs in its own axes: mounting error 0.2, 0.2, 0.5 deg
-    mounted = rotation(np.array([0.2, 0.2, 0.5]) * DEG)
-    force, rate, _ = along_a_parallel(60 * DEG, 0.0, 19.44 * 1852 / 3600, 9.819168, 7.292115e-5)
-    for values, u, bias, density in (
-        (batch.accel, force, 50e-6 * 9.80665, 0.833e-6 * 9.80665),
-        (batch.gyro, rate, 0.01 * DEG / 3600, 0.001 * DEG / 60),
-    ):
-        expected = mounted.T @ body_axes(90 * DEG).T @ u + bias
-        # gravity of 60 deg N to 1e-6 of itself
-        np.testing.assert_allclose(values.mean(axis=0), expected, atol=5 * density / 30 + 1e-6 * np.abs(u).max())
 
 
 # ------------------------------------------------------------------- calibrations of what was simulated, and truth

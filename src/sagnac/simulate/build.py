@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..frames import Array, rot_x, rot_y, rot_z
+from ..navigate.legs import MARGIN
 from ..plan import Plan
 from ..recording import SENSORS, nominal_scale
 from ..rigs import turntable
@@ -25,7 +26,7 @@ from .records import CentrifugeErrors, RollErrors, TemperatureProfile, Turntable
 from .scenario import Scenario
 from .table import site_of
 from .track import TableMotion
-from .vehicle import motion_of
+from .vehicle import log_times, motion_of
 
 _MOST_SAMPLES = 2**53
 _PER_SAMPLE = math.pi
@@ -205,16 +206,23 @@ def _clock(scenario: Scenario) -> Clock:
     if count > _MOST_SAMPLES:
         raise InputError(f"recording.frequency: {count:.4g} samples are more than any file holds")
     _refuse_too_fast(scenario)
+    if scenario.kind == "vehicle" and recording.jitter > MARGIN:
+        raise InputError(
+            f"recording.jitter: {recording.jitter:g} s; a vehicle is known only {MARGIN:g} s beyond its course"
+        )
     return Clock(recording.frequency, count, recording.jitter, recording.timestamp_jitter)
 
 
 def _refuse_too_fast(scenario: Scenario) -> None:
     most = _PER_SAMPLE_HARMONICS if scenario.kind == "centrifuge" else _PER_SAMPLE
-    for s in scenario.plan.segment:
-        turned = abs(s.turn_rate) / scenario.recording.frequency
+    rates = [(f"segment {s.name!r}", s.turn_rate) for s in scenario.plan.segment]
+    if scenario.trajectory is not None:
+        rates = [(f"trajectory.{name}", leg.turn_rate) for name, leg in scenario.trajectory.legs]
+    for name, rate in rates:
+        turned = abs(rate) / scenario.recording.frequency
         if turned >= most:
             raise InputError(
-                f"recording.frequency: segment {s.name!r} turns {math.degrees(turned):.3g} deg from sample to sample at "
+                f"recording.frequency: {name} turns {math.degrees(turned):.3g} deg from sample to sample at "
                 f"{scenario.recording.frequency:g} Hz; this rig needs less than {math.degrees(most):g} deg"
             )
 
@@ -298,9 +306,16 @@ def _roll(scenario: Scenario, rng: np.random.Generator) -> _Rig:
 def _vehicle(scenario: Scenario, rng: np.random.Generator) -> _Rig:
     given = scenario.errors
     assert isinstance(given, VehicleErrors)
-    turned = np.array(_each(given.misalignment, rng))
-    motion, _ = motion_of(scenario, turned)
-    return motion, {f"misalignment.{a}": float(v) for a, v in zip(AXES, turned, strict=True)}, {}
+    turned, arm = (np.array(_each(v, rng)) for v in (given.misalignment, given.lever_arm))
+    log_times(scenario)  # refuses a log without samples before anything is written
+    motion = motion_of(scenario, turned, arm, rng)
+    truth = {
+        f"{n}.{a}": float(v)
+        for n, of in (("misalignment", turned), ("lever_arm", arm))
+        for a, v in zip(AXES, of, strict=True)
+    }
+    flexure = {"sigma": list(given.flexure), "time": given.flexure_time}
+    return motion, truth, {"flexure": flexure} if any(given.flexure) else {}
 
 
 def _named_settings(plan: Plan, settings: Array) -> dict[str, object]:

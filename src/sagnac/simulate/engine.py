@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -37,6 +37,15 @@ class Motion(Protocol):
 
     def columns(self, time: Array) -> dict[str, Array]:
         """The rig's own channels by their names in a recording, SI."""
+        ...
+
+
+@runtime_checkable
+class Averaged(Motion, Protocol):
+    """A motion that knows its own means, exactly; of others they are taken by Gauss' rule with two points."""
+
+    def means(self, edges: Array) -> tuple[Array, Array]:
+        """Mean specific force and angular rate over the intervals between instants (n + 1,), (n, 3) each."""
         ...
 
 
@@ -153,6 +162,7 @@ class _Instants(NamedTuple):
     stamps: Array
     true: Array
     intervals: Array
+    before: float
 
 
 class _Clean(NamedTuple):
@@ -224,7 +234,7 @@ def _instants(clock: Clock, seed: int, piece: int) -> Iterator[_Instants]:
         if clock.jitter > 0:
             true += early.uniform(-clock.jitter, clock.jitter, n)
         stamps = true + wrong.uniform(-clock.stamp_jitter, clock.stamp_jitter, n) if clock.stamp_jitter > 0 else true
-        yield _Instants(stamps, true, np.diff(true, prepend=before))
+        yield _Instants(stamps, true, np.diff(true, prepend=before), before)
         before = float(true[-1])
 
 
@@ -244,17 +254,24 @@ def _clean(job: Job, times: _Instants) -> _Clean:
         sensors = [s for s, i in wanted.items() if i == increment]
         if increment:
             middle = times.true - 0.5 * times.intervals
-            both = [job.motion.inputs(middle + side * _NODE * times.intervals) for side in (-1.0, 1.0)]
-            force, rate = (first + second for first, second in zip(*both, strict=True))
-            force *= 0.5
-            rate *= 0.5
-            out |= _readings(job, middle, sensors, force, rate)
+            out |= _readings(job, middle, sensors, *_means(job.motion, times, middle))
         else:
             out |= _readings(job, times.true, sensors, *job.motion.inputs(times.true))
     rig = job.motion.columns(times.true) if job.rig else {}
     if job.drift is not None:
         rig["temperature"] = job.drift.profile(times.true)
     return _Clean(out, rig)
+
+
+def _means(motion: Motion, times: _Instants, middle: Array) -> tuple[Array, Array]:
+    """Mean inputs over the interval before each sample."""
+    if isinstance(motion, Averaged):
+        return motion.means(np.concatenate([[times.before], times.true]))
+    both = [motion.inputs(middle + side * _NODE * times.intervals) for side in (-1.0, 1.0)]
+    force, rate = (first + second for first, second in zip(*both, strict=True))
+    force *= 0.5
+    rate *= 0.5
+    return force, rate
 
 
 def _readings(job: Job, time: Array, sensors: list[str], force: Array, rate: Array) -> dict[str, Array]:

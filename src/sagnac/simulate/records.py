@@ -1,4 +1,4 @@
-"""Records of a scenario: the unit as it truly is, errors of rigs, course of a vehicle, file of samples."""
+"""Records of a scenario: the unit as it truly is, errors of rigs, master's log of a vehicle, file of samples."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from ..navigate.legs import MARGIN
 from ..quantities import (
     ABOVE_ZERO,
     AS_LIST,
@@ -219,11 +220,25 @@ class RollErrors(Record):
     swing_frequency: Annotated[float, reads("Hz", "1.7 Hz"), ABOVE_ZERO] = 1.7
 
 
+def _thrice(given: object) -> object:
+    """One value for all three axes."""
+    return given if isinstance(given, list | tuple) else [given] * 3
+
+
+Bend = Annotated[float, reads("rad", "1 arcmin"), SIZE, Field(le=0.1)]
+
+
 class VehicleErrors(Record):
     """How the slave sits on the master's vehicle."""
 
     misalignment: Three = (_ZERO, _ZERO, _ZERO)
     """Rotation vector from the master's body axes to the slave's."""
+    lever_arm: Annotated[tuple[Drawn, ...], drawn_each(3, "m", "10 cm")] = (_ZERO, _ZERO, _ZERO)
+    """From the master to the slave, in the master's body axes."""
+    flexure: Annotated[tuple[Bend, Bend, Bend], BeforeValidator(_thrice)] = (0.0, 0.0, 0.0)
+    """Standard deviation of how the slave's foot turns against the master, about each axis."""
+    flexure_time: Time = 1.0
+    """Its correlation time."""
 
 
 ERRORS: dict[str, type[TurntableErrors | CentrifugeErrors | RollErrors | VehicleErrors]] = {
@@ -235,28 +250,6 @@ ERRORS: dict[str, type[TurntableErrors | CentrifugeErrors | RollErrors | Vehicle
 """By rig.kind."""
 
 
-class Leg(Record):
-    """A part of a course."""
-
-    duration: Time
-
-
-class Course(Record):
-    """A straight course along a parallel at a steady speed."""
-
-    latitude: Annotated[float, reads("rad", "60 deg")]
-    longitude: Annotated[float, reads("rad", "108 deg")] = 0.0
-    height: Annotated[float, reads("m", "0 m")] = 0.0
-    speed: Annotated[float, reads("m/s", "10 m/s"), SIZE, Field(le=1000.0)]
-    heading: Annotated[float, reads("rad", "90 deg")]
-    leg: tuple[Leg, ...] = Field(min_length=1)
-
-    @property
-    def duration(self) -> float:
-        """Time of all legs, s."""
-        return sum(leg.duration for leg in self.leg)
-
-
 class Master(Record):
     """What the master's log holds, and its noise."""
 
@@ -264,8 +257,17 @@ class Master(Record):
     velocity: Annotated[float, reads("m/s", "0.01 m/s"), SIZE] = 0.0
     """White noise of each sample."""
     attitude: Annotated[float, reads("rad", "1 arcmin"), SIZE] = 0.0
-    latency: Duration = 0.0
-    """How much later than its time stamp says a sample was true."""
+    latency: Annotated[Duration, Field(le=MARGIN)] = 0.0
+    """How much before its time stamp a sample was true."""
+    gap: tuple[tuple[Duration, Time], ...] = ()
+    """Parts of the log that are missing, each from its first time up to its second."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        for start, stop in self.gap:
+            if not stop > start:
+                raise ValueError(f"gap: from {start:g} s to {stop:g} s is no time; write the earlier one first")
+        return self
 
 
 class SampleFile(Record):

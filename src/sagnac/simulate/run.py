@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -69,8 +70,12 @@ class Simulated:
 
 def follow_up(scenario: Scenario, folder: Path, recording: str) -> str:
     """The command that a scenario is for, empty when it names none."""
-    if not scenario.method or scenario.kind == "vehicle":
+    if not scenario.method:
         return ""
+    if scenario.kind == "vehicle":
+        files = f"--master {folder / 'master.parquet'} --slave {folder / recording} --config {folder / 'config.toml'}"
+        scale = "".join(" --scale " + shlex.quote(f"{n}={v}") for n, v in scenario.unit.scale.items())
+        return f"sagnac align {scenario.method} {files}{scale} --out {folder / 'alignment'}"
     return f"sagnac calibrate {scenario.method} {folder / recording} --plan {folder / 'plan.toml'} --out {folder / 'cal.json'}"
 
 

@@ -13,19 +13,20 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from .. import plan as plans
 from ..errors import InputError
+from ..navigate import course as courses
+from ..navigate.course import Course
 from ..plan import Plan
+from ..quantities import checked, problem
 from ..recording import SENSORS
 from . import grades
 from .recipes import RECIPES
-from .records import ERRORS, Course, Errors, Master, Record, SampleFile, TrueUnit
-
-_Model = TypeVar("_Model", bound=BaseModel)
+from .records import ERRORS, Errors, Master, Record, SampleFile, TrueUnit
 
 
 class _File(Record):
@@ -45,7 +46,7 @@ class _File(Record):
     plan: dict[str, Any] | None = None
     segment: list[dict[str, Any]] = Field(default=[])
     recording: SampleFile
-    trajectory: Course | None = None
+    trajectory: Any = None
     master: Master | None = None
     config: dict[str, Any] = Field(default={})
 
@@ -134,7 +135,7 @@ def load(source: str | Path) -> Scenario:
 
 def from_table(table: dict[str, Any], name: str = "scenario", sha256: str = "") -> Scenario:
     """A scenario from the table that a TOML file holds, see :func:`load`."""
-    file = _checked(_File, table, name)
+    file = checked(_File, table, name)
     rig = dict(file.rig)
     given_errors = rig.pop("errors", {})
     kind = rig.get("kind", "turntable")
@@ -142,7 +143,7 @@ def from_table(table: dict[str, Any], name: str = "scenario", sha256: str = "") 
         raise InputError(f"{name}: rig.kind: {kind!r} is none of {', '.join(ERRORS)}")
     if file.method and _RIG_OF.get(file.method, "turntable") != kind:
         raise InputError(f"{name}: method: {file.method!r} is not for a {kind} (rig.kind)")
-    errors = _checked(ERRORS[kind], given_errors, name, "rig.errors")
+    errors = checked(ERRORS[kind], given_errors, name, "rig.errors")
     return Scenario(
         name=name,
         sha256=sha256,
@@ -153,34 +154,10 @@ def from_table(table: dict[str, Any], name: str = "scenario", sha256: str = "") 
         errors=errors,
         recording=file.recording,
         plan=_vehicle_plan(file, rig, name) if kind == "vehicle" else _plan(file, rig, kind, name),
-        trajectory=file.trajectory,
+        trajectory=courses.from_table(file.trajectory, name) if kind == "vehicle" else None,
         master=file.master or Master(),
-        config={**file.config, "trajectory": table["trajectory"]} if kind == "vehicle" else {},
+        config=_config(file) if kind == "vehicle" else {},
     )
-
-
-def _checked(model: type[_Model], table: object, name: str, place: str = "") -> _Model:
-    try:
-        return model.model_validate(table, context={"file": True})
-    except ValidationError as cause:
-        told = [_problem(e, place) for e in cause.errors() if not _other_choice(e)]
-        raise InputError(f"{name}: " + "; ".join(dict.fromkeys(told))) from cause
-
-
-def _other_choice(error: Mapping[str, Any]) -> bool:
-    """Whether pydantic complains only that a name is no list, or a list no name."""
-    branch = {str(p).partition("[")[0] for p in error["loc"] if "[" in str(p)}
-    a_name = isinstance(error["input"], str)
-    return ("literal" in branch and not a_name) or ("tuple" in branch and a_name and error["type"] == "tuple_type")
-
-
-def _problem(error: Mapping[str, Any], place: str) -> str:
-    """One complaint of pydantic with the key in front."""
-    own = [str(p) for p in error["loc"] if "[" not in str(p)]
-    what = {"extra_forbidden": "no such key", "missing": "is missing"}.get(
-        error["type"], str(error["msg"]).removeprefix("Value error, ")
-    )
-    return f"{'.'.join([place] * bool(place) + own) or 'the scenario'}: {what}"
 
 
 def _vehicle_plan(file: _File, rig: Mapping[str, Any], name: str) -> Plan:
@@ -193,6 +170,12 @@ def _vehicle_plan(file: _File, rig: Mapping[str, Any], name: str) -> Plan:
         raise InputError(f"{name}: trajectory: is missing; it says where the vehicle goes")
     site = {k: getattr(file, k) for k in ("gravity", "earth_rate") if getattr(file, k) is not None}
     return plans.from_table(site, name)
+
+
+def _config(file: _File) -> dict[str, Any]:
+    """Settings of the alignment: those of the file, with what it says of site and course."""
+    site = {k: getattr(file, k) for k in ("gravity", "earth_rate") if getattr(file, k) is not None}
+    return {**site, **file.config, "trajectory": file.trajectory}
 
 
 def _plan(file: _File, rig: Mapping[str, Any], kind: str, name: str) -> Plan:
@@ -216,13 +199,13 @@ def _plan(file: _File, rig: Mapping[str, Any], kind: str, name: str) -> Plan:
     plan = plans.from_table({**table, "unit": unit, "rig": dict(rig), "segment": file.segment}, name)
     if file.plan is None:
         return plan
-    recipe = _checked(RECIPES[kind], file.plan, name, "plan")
+    recipe = checked(RECIPES[kind], file.plan, name, "plan")
     try:
         return Plan.model_validate({**dict(plan), "segment": tuple(recipe.segments(plan))})
     except InputError as cause:
         raise InputError(f"{name}: {cause}") from cause
     except ValidationError as cause:
-        raise InputError(f"{name}: " + "; ".join(_problem(e, "plan") for e in cause.errors())) from cause
+        raise InputError(f"{name}: " + "; ".join(problem(e, "plan") for e in cause.errors())) from cause
 
 
 _RIG_OF = {"centrifuge": "centrifuge", "roll-isolated": "roll-isolated", "transfer": "vehicle"}

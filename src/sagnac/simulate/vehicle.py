@@ -1,7 +1,4 @@
-"""A carried vehicle on a straight course: what its slave unit feels, and the master's log.
-
-Along a parallel at a steady speed the inputs are constant in the body, so that the ideal slave is exact.
-"""
+"""A carried vehicle: what its slave unit feels along a course, and the master's log."""
 
 from __future__ import annotations
 
@@ -9,111 +6,143 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import earth
 from ..errors import InputError
-from ..frames import Array
+from ..frames import Array, rotation_matrix
+from ..navigate.carried import Flexure
+from ..navigate.course import Course
+from ..navigate.legs import MARGIN
+from ..navigate.trajectory import Trajectory
 from .engine import STREAMS
 from .noise import generator
+from .records import VehicleErrors
 from .scenario import Scenario
 
 _DEG = 180.0 / math.pi
-_ALONG = 1e-9  # rad: how far a course may be off due east or west
+_MARKOV = 2.146
+"""Of a second-order Gauss-Markov process: its natural frequency times its correlation time (Gelb, *Applied Optimal Estimation*,
+1974, table 2.2-1)."""
+_KNOTS = 20
+"""Of a flexure, in a correlation time."""
 
 
 class VehicleMotion:
-    """A unit on a vehicle that follows a parallel at a steady speed: constant inputs.
+    """A unit on a vehicle (a :class:`sagnac.simulate.engine.Averaged`).
 
     Parameters
     ----------
-    force, rate : ndarray, shape (3,), m/s^2 and rad/s
-        In the master's body axes.
+    trajectory : Trajectory
+        Of the unit.
     """
 
-    def __init__(self, force: Array, rate: Array) -> None:
-        self._force, self._rate = force, rate
+    def __init__(self, trajectory: Trajectory) -> None:
+        self.trajectory = trajectory
 
     def inputs(self, time: Array) -> tuple[Array, Array]:
         """Specific force and angular rate, (n, 3) each, m/s^2 and rad/s."""
-        shape = (time.size, 3)
-        return np.broadcast_to(self._force, shape), np.broadcast_to(self._rate, shape)
+        return self.trajectory.inputs(time)
+
+    def means(self, edges: Array) -> tuple[Array, Array]:
+        """Their means over the intervals between instants (n + 1,), (n, 3) each."""
+        counted = self.trajectory.increments(edges)
+        steps = counted.steps[:, None]
+        return counted.pushes / steps, counted.turns / steps
 
     def columns(self, time: Array) -> dict[str, Array]:  # noqa: ARG002 - a vehicle has no channels of its own
         """Nothing."""
         return {}
 
 
-# WGS-84 (NIMA TR8350.2, table 3.1)
-_SEMI_MAJOR = 6378137.0
-_ECCENTRICITY2 = (2.0 - 1.0 / 298.257223563) / 298.257223563
+def course_of(scenario: Scenario) -> Course:
+    """The course of a vehicle's scenario."""
+    assert scenario.trajectory is not None  # a vehicle without one is refused when it is read
+    return scenario.trajectory
 
 
-def along_a_parallel(
-    latitude: float, height: float, east: float, gravity: float, earth_rate: float = earth.EARTH_RATE
-) -> tuple[Array, Array, float]:
-    """What a vehicle feels that goes along a parallel at a steady speed.
+def vehicle_of(scenario: Scenario) -> Trajectory:
+    """Motion of the master.
 
-    Parameters
-    ----------
-    latitude, height : float, rad and m
-    east : float, m/s
-        Speed to the east.
-    gravity : float, m/s^2
-    earth_rate : float, rad/s
-
-    Returns
-    -------
-    force, rate : ndarray, shape (3,), m/s^2 and rad/s
-        In east, north, up: ``f = -g + (2 w_ie + w_en) x v`` and ``w_ie + w_en``.
-    longitude_rate : float, rad/s
+    Raises
+    ------
+    InputError
+        When the course cannot be followed.
     """
-    normal = _SEMI_MAJOR / math.sqrt(1.0 - _ECCENTRICITY2 * math.sin(latitude) ** 2)
-    ie = earth.earth_rate_enu(latitude, earth_rate)
-    en = east / (normal + height) * np.array([0.0, 1.0, math.tan(latitude)])
-    force = np.array([0.0, 0.0, gravity]) + np.cross(2.0 * ie + en, [east, 0.0, 0.0])
-    return force, ie + en, east / ((normal + height) * math.cos(latitude))
+    course, plan = course_of(scenario), scenario.plan
+    normal = earth.normal_gravity(course.latitude, course.height)
+    excess = 0.0 if plan.gravity is None else plan.gravity - normal
+    return Trajectory.of(course, earth_rate=plan.earth_rate, gravity_excess=excess)
 
 
-def body_axes(heading: float) -> Array:
-    """C_b^n of a level vehicle, (3, 3): x right, y forward, z up; the heading is clockwise from north."""
-    s, c = math.sin(heading), math.cos(heading)
-    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def rotation(vector: Array) -> Array:
-    """Matrix of a rotation vector (3,), rad: takes coordinates in the turned axes to those in the axes turned from."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
-
-
-def motion_of(scenario: Scenario, misalignment: Array) -> tuple[VehicleMotion, float]:
-    """Motion of the slave, and the vehicle's rate along its parallel, rad/s of longitude.
+def motion_of(scenario: Scenario, misalignment: Array, lever_arm: Array, rng: np.random.Generator) -> VehicleMotion:
+    """Motion of the slave.
 
     Parameters
     ----------
     scenario : Scenario
     misalignment : ndarray, shape (3,), rad
         Rotation vector from the master's body axes to the slave's.
+    lever_arm : ndarray, shape (3,), m
+        From the master to the slave, in the master's body axes.
+    rng : numpy.random.Generator
+        For the flexure.
 
     Raises
     ------
     InputError
-        When the course is not along a parallel.
+        When the course cannot be followed, or not with a lever arm.
     """
-    way = scenario.trajectory
-    assert way is not None  # a vehicle without one is refused when it is read
-    if abs(math.cos(way.heading)) > _ALONG:
-        raise InputError(
-            f"trajectory.heading: {math.degrees(way.heading):g} deg: only courses due east or west are simulated"
-        )
-    if abs(way.latitude) > 1.57:
-        raise InputError(f"trajectory.latitude: {math.degrees(way.latitude):g} deg has no parallel to follow")
-    gravity = scenario.plan.gravity or earth.normal_gravity(way.latitude, way.height)
-    east = way.speed * math.sin(way.heading)
-    force, rate, turning = along_a_parallel(way.latitude, way.height, east, gravity, scenario.plan.earth_rate)
-    to_slave = (body_axes(way.heading) @ rotation(misalignment)).T
-    return VehicleMotion(to_slave @ force, to_slave @ rate), turning
+    vehicle = vehicle_of(scenario)
+    flexure = flexing(scenario, rng, vehicle.duration)
+    return VehicleMotion(vehicle.carry(lever_arm=lever_arm, mounting=rotation_matrix(misalignment), flexure=flexure))
+
+
+def flexing(scenario: Scenario, rng: np.random.Generator, duration: float) -> Flexure | None:
+    """Flexure between master and slave: each axis a second-order Gauss-Markov process, None where there is none.
+
+    The process is exact at knots, twenty to a correlation time, and a cubic of the right values and rates between them.
+    """
+    from scipy.interpolate import CubicHermiteSpline
+    from scipy.linalg import expm
+
+    given = scenario.errors
+    assert isinstance(given, VehicleErrors)
+    if not any(given.flexure):
+        return None
+    beta, step = _MARKOV / given.flexure_time, given.flexure_time / _KNOTS
+    knots = np.arange(-MARGIN, duration + MARGIN + step, step)
+    # angle over sigma and rate over beta sigma: covariance I when steady, so that what a step adds is I - F F'
+    F = expm(beta * step * np.array([[0.0, 1.0], [-1.0, -2.0]]))
+    added = np.linalg.cholesky(np.eye(2) - F @ F.T)
+    normals = rng.standard_normal((knots.size, 3, 2))
+    state = np.empty_like(normals)
+    state[0] = normals[0]
+    for k in range(1, knots.size):
+        state[k] = state[k - 1] @ F.T + normals[k] @ added.T
+    size = np.array(given.flexure)
+    spline = CubicHermiteSpline(knots, state[..., 0] * size, state[..., 1] * (beta * size))
+    rates = spline.derivative()
+    return Flexure(lambda time: (spline(time), rates(time)), math.inf, knots)
+
+
+def log_times(scenario: Scenario) -> tuple[Array, NDArray[np.bool_]]:
+    """Time stamps of the master's log before its gaps, (n,), s, and which of them it holds.
+
+    Raises
+    ------
+    InputError
+        When the gaps leave less than two samples.
+    """
+    master = scenario.master
+    end = course_of(scenario).duration
+    time = np.arange(math.floor(end * master.frequency * (1.0 + 1e-15)) + 1) / master.frequency
+    held = np.ones(time.size, dtype=bool)
+    for start, stop in master.gap:
+        held &= (time < start) | (time >= stop)
+    if held.sum() < 2:
+        raise InputError(f"master: {held.sum()} samples of {time.size} are left; make frequency higher, or gap shorter")
+    return time, held
 
 
 def write_master(path: Path, scenario: Scenario, seed: int) -> None:
@@ -121,22 +150,24 @@ def write_master(path: Path, scenario: Scenario, seed: int) -> None:
     import pyarrow as pa
     from pyarrow import parquet
 
-    way, master = scenario.trajectory, scenario.master
-    assert way is not None  # a vehicle without one is refused when it is read
-    _, turning = motion_of(scenario, np.zeros(3))
-    time = np.arange(math.floor(way.duration * master.frequency) + 1) / master.frequency
+    master = scenario.master
+    time, held = log_times(scenario)
     rng = generator(seed, STREAMS["master"])
-    velocity = np.array([way.speed * math.sin(way.heading), 0.0, 0.0])
-    velocity = velocity + master.velocity * rng.standard_normal((time.size, 3))
-    attitude = np.array([way.heading, 0.0, 0.0]) + master.attitude * rng.standard_normal((time.size, 3))
-    true_time = time - master.latency
+    noise = [size * rng.standard_normal((time.size, 3))[held] for size in (master.velocity, master.attitude)]
+    time = time[held]
+    state = vehicle_of(scenario).state(time - master.latency)
+    latitude, longitude, _ = state.place
+    velocity = state.velocity_enu + noise[0]
+    heading, pitch, roll = (angle + noise[1][:, i] for i, angle in enumerate(state.angles))
     columns = {
         "time [s]": time,
-        "latitude [deg]": np.full(time.size, way.latitude * _DEG),
-        "longitude [deg]": (way.longitude + turning * true_time) * _DEG,
-        "height [m]": np.full(time.size, way.height),
+        "latitude [deg]": latitude * _DEG,
+        "longitude [deg]": longitude * _DEG,
+        "height [m]": state.height,
         **{f"v_{n} [m/s]": velocity[:, i] for i, n in enumerate(("east", "north", "up"))},
-        **{f"{n} [deg]": attitude[:, i] * _DEG for i, n in enumerate(("heading", "pitch", "roll"))},
+        "heading [deg]": np.mod(heading * _DEG, 360.0),
+        "pitch [deg]": pitch * _DEG,
+        "roll [deg]": roll * _DEG,
     }
     parquet.write_table(pa.table(columns), path)
 
