@@ -13,8 +13,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import harmonics
+import lanes
 import plain
 import simulate
+import strapdown
 from sagnac.calibrate import common, hand_turned, norm, table
 from sagnac.kernels.rotation import integrate
 from sagnac.observe.means import segment_means
@@ -169,6 +171,10 @@ def main() -> None:
     harmonics.main()
     print()
     simulate.main()
+    print()
+    strapdown.main()
+    print()
+    lanes.main()
 
 
 if __name__ == "__main__":

@@ -11,9 +11,11 @@ import typer
 
 from .._version import __version__
 from . import options
+from .commands_align import align_app
 from .commands_plan import plan_app
 from .commands_simulate import EXAMPLE as SIMULATE_EXAMPLE
 from .commands_simulate import simulate
+from .commands_static import NAVIGATE_EXAMPLE, navigate
 
 app = typer.Typer(
     name="sagnac",
@@ -26,7 +28,9 @@ app = typer.Typer(
 
 
 app.add_typer(plan_app)
+app.add_typer(align_app)
 app.command(epilog=SIMULATE_EXAMPLE)(simulate)
+app.command(epilog=NAVIGATE_EXAMPLE)(navigate)
 
 
 class Matrix(StrEnum):

@@ -17,6 +17,10 @@ _COMPILED = {
     "roll-isolated": (("local_level", "innovations"),),
     "centrifuge": (("harmonics", "harmonic_sums"), ("harmonics", "look")),
     "apply roll-isolated": (("attitude", "compose"),),
+    "align static": (("attitude", "compose"),),
+    "align transfer": (("strapdown", "advance"), ("kalman", "update")),
+    "align covariance": (("covariance", "follow"),),
+    "navigate": (("strapdown", "trace"),),
 }
 """Kernels that a method calls."""
 
@@ -34,25 +38,29 @@ def announce_compilation(method: str) -> None:
 
 
 @contextmanager
-def counting(what: str) -> Iterator[Callable[[int], None]]:
-    """Progress of a stream of samples: a bar on a terminal, one line at the end otherwise."""
-    last = 0
+def counting(what: str, unit: str = "samples") -> Iterator[Callable[[float], None]]:
+    """Progress of a stream, in samples or s: a bar on a terminal, one line at the end otherwise."""
+    last = 0.0
     if not sys.stderr.isatty():
 
-        def remember(rows: int) -> None:
+        def remember(done: float) -> None:
             nonlocal last
-            last = rows
+            last = done
 
         yield remember
-        note(f"{what}: {last} samples")
+        note(f"{what}: {last:.9g} {unit}")
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
     with Progress(
-        TextColumn(what), BarColumn(), TextColumn("{task.completed} samples"), TimeElapsedColumn(), console=console
+        TextColumn(what),
+        BarColumn(),
+        TextColumn(f"{{task.completed:.9g}} {unit}"),
+        TimeElapsedColumn(),
+        console=console,
     ) as bar:
         task = bar.add_task(what, total=None)
-        yield lambda rows: bar.update(task, completed=rows)
+        yield lambda done: bar.update(task, completed=done)
         bar.update(task, total=bar.tasks[0].completed)

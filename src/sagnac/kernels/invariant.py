@@ -1,0 +1,525 @@
+"""Attitude and velocity in inertial axes from increments, with the left-invariant error: batch and filter."""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+
+_UPRIGHT = np.eye(3)
+"""Axes that do not turn."""
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _rodrigues(a0, a1, a2, c1, c2, out):  # type: ignore[no-untyped-def]
+    """``out = I + c1 [a x] + c2 [a x]^2``."""
+    d = 1.0 - c2 * (a0 * a0 + a1 * a1 + a2 * a2)
+    out[0, 0] = d + c2 * a0 * a0
+    out[0, 1] = c2 * a0 * a1 - c1 * a2
+    out[0, 2] = c2 * a0 * a2 + c1 * a1
+    out[1, 0] = c2 * a0 * a1 + c1 * a2
+    out[1, 1] = d + c2 * a1 * a1
+    out[1, 2] = c2 * a1 * a2 - c1 * a0
+    out[2, 0] = c2 * a0 * a2 - c1 * a1
+    out[2, 1] = c2 * a1 * a2 + c1 * a0
+    out[2, 2] = d + c2 * a2 * a2
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _exponential(a0, a1, a2, turn, left):  # type: ignore[no-untyped-def]
+    """``turn = exp([a x])`` and its left Jacobian, the mean of the rotation on the way."""
+    t2 = a0 * a0 + a1 * a1 + a2 * a2
+    if t2 < 1e-6:
+        c1 = 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0)
+        c2 = 0.5 - t2 / 24.0 * (1.0 - t2 / 30.0)
+        c3 = 1.0 / 6.0 - t2 / 120.0 * (1.0 - t2 / 42.0)
+    else:
+        t = math.sqrt(t2)
+        c1, c2 = math.sin(t) / t, (1.0 - math.cos(t)) / t2
+        c3 = (1.0 - c1) / t2
+    _rodrigues(a0, a1, a2, c1, c2, turn)
+    _rodrigues(a0, a1, a2, c2, c3, left)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _logarithm(r, out):  # type: ignore[no-untyped-def]
+    """Rotation vector of a matrix; within 1e-7 rad of half a turn its direction is lost in rounding, its length is not."""
+    out[0] = 0.5 * (r[2, 1] - r[1, 2])
+    out[1] = 0.5 * (r[0, 2] - r[2, 0])
+    out[2] = 0.5 * (r[1, 0] - r[0, 1])
+    sine = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
+    if sine > 1e-12:
+        scale = math.atan2(sine, 0.5 * (r[0, 0] + r[1, 1] + r[2, 2] - 1.0)) / sine
+        for i in range(3):
+            out[i] *= scale
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _times(a, b):  # type: ignore[no-untyped-def]
+    """``a b`` of 3x3 matrices."""
+    out = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+    return out
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _times_t(a, b):  # type: ignore[no-untyped-def]
+    """``a b'``."""
+    out = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[j, 0] + a[i, 1] * b[j, 1] + a[i, 2] * b[j, 2]
+    return out
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _carry(turn, push, columns):  # type: ignore[no-untyped-def]
+    """Columns of (xi, zeta) over one interval: ``xi = Q' xi, zeta = Q' (zeta - D x xi)``. Nothing here knows the estimate."""
+    d0, d1, d2 = push[0], push[1], push[2]
+    for j in range(columns.shape[1]):
+        x0, x1, x2 = columns[0, j], columns[1, j], columns[2, j]
+        z0 = columns[3, j] - (d1 * x2 - d2 * x1)
+        z1 = columns[4, j] - (d2 * x0 - d0 * x2)
+        z2 = columns[5, j] - (d0 * x1 - d1 * x0)
+        for i in range(3):
+            columns[i, j] = turn[0, i] * x0 + turn[1, i] * x1 + turn[2, i] * x2
+            columns[3 + i, j] = turn[0, i] * z0 + turn[1, i] * z1 + turn[2, i] * z2
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _turn_over(square):  # type: ignore[no-untyped-def]
+    """Transposed in place."""
+    for i in range(square.shape[0]):
+        for j in range(i):
+            square[i, j], square[j, i] = square[j, i], square[i, j]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _spread(covariance, turn, push, gyro, accel):  # type: ignore[no-untyped-def]
+    """Add what white noise of an interval (`gyro` rad^2, `accel` (m/s)^2 in all) leaves in (xi, zeta).
+
+    The force of an interval is taken as steady: noise of the gyros reaches zeta through ``-[f x]`` for the rest of the interval.
+    """
+    d = np.empty(3)
+    for i in range(3):
+        d[i] = turn[0, i] * push[0] + turn[1, i] * push[1] + turn[2, i] * push[2]
+    d2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    for i in range(3):
+        covariance[i, i] += gyro
+        covariance[3 + i, 3 + i] += accel + gyro / 3.0 * d2
+        for j in range(3):
+            covariance[3 + i, 3 + j] -= gyro / 3.0 * d[i] * d[j]
+    half = 0.5 * gyro
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        # -[d x] / 2: d x e_j = -d_k e_i + ..., and its mirror image
+        covariance[3 + i, j] += half * d[k]
+        covariance[j, 3 + i] += half * d[k]
+        covariance[3 + i, k] -= half * d[j]
+        covariance[k, 3 + i] -= half * d[j]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def intervals(turns, pushes, steps, last, gyro_bias, accel_bias):  # type: ignore[no-untyped-def]
+    """Rotation and velocity gained over each interval, in the body axes at its start, and what biases do to them.
+
+    Parameters
+    ----------
+    turns, pushes : ndarray, shape (n, 3), rad and m/s
+        Of each sample, already corrected for what the rate and the force change within it.
+    steps : ndarray, shape (n,), s
+    last : ndarray of int, shape (m,)
+        Interval k has the samples from ``last[k - 1]`` (0 for the first) up to, not with, ``last[k]``.
+    gyro_bias, accel_bias : ndarray, shape (3,), rad/s and m/s^2
+        Taken off.
+
+    Returns
+    -------
+    turn : ndarray, shape (m, 3, 3)
+        Q: body coordinates at the end to those at the start.
+    push : ndarray, shape (m, 3), m/s
+        D.
+    slopes : ndarray, shape (m, 3, 3, 3)
+        At the end of the interval, in body axes there: xi for the gyros' biases, zeta for the gyros' and zeta for the accelerometers'.
+        A bias larger than the one taken off, by b, leaves ``xi = slopes[0] b``.
+    """
+    m = last.size
+    turn, push, slopes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3, 3, 3))
+    q, left, d = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    columns = np.empty((6, 6))
+    begin = 0
+    for k in range(m):
+        r, total = np.eye(3), np.zeros(3)
+        columns[:] = 0.0
+        for s in range(begin, last[k]):
+            dt = steps[s]
+            p0 = pushes[s, 0] - accel_bias[0] * dt
+            p1 = pushes[s, 1] - accel_bias[1] * dt
+            p2 = pushes[s, 2] - accel_bias[2] * dt
+            _exponential(
+                turns[s, 0] - gyro_bias[0] * dt,
+                turns[s, 1] - gyro_bias[1] * dt,
+                turns[s, 2] - gyro_bias[2] * dt,
+                q,
+                left,
+            )
+            for i in range(3):
+                d[i] = left[i, 0] * p0 + left[i, 1] * p1 + left[i, 2] * p2
+            for i in range(3):
+                total[i] += r[i, 0] * d[0] + r[i, 1] * d[1] + r[i, 2] * d[2]
+            _carry(q, d, columns)
+            # the right Jacobian is the left one transposed; a bias turns the axes by -b t on the way: zeta = [p x] b dt / 2
+            for i in range(3):
+                for j in range(3):
+                    columns[i, j] -= dt * left[j, i]
+                    columns[3 + i, 3 + j] -= dt * left[j, i]
+            half = 0.5 * dt
+            columns[3, 1] -= half * p2
+            columns[3, 2] += half * p1
+            columns[4, 0] += half * p2
+            columns[4, 2] -= half * p0
+            columns[5, 0] -= half * p1
+            columns[5, 1] += half * p0
+            r[:] = _times(r, q)
+        turn[k], push[k] = r, total
+        for i in range(3):
+            for j in range(3):
+                slopes[k, 0, i, j] = columns[i, j]
+                slopes[k, 1, i, j] = columns[3 + i, j]
+                slopes[k, 2, i, j] = columns[3 + i, 3 + j]
+        begin = last[k]
+    return turn, push, slopes
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _whiten(row, seen, columns, walk, size, variance, gain):  # type: ignore[no-untyped-def]
+    """One scalar reading through the filter of the noise that has gathered: `seen` in, whitened `seen` out.
+
+    `row` (6,) on (xi, zeta) is what the reading sees; ``columns[:, size:]`` the filter's means, one for each entry of `seen`, and
+    `walk` their covariance.
+    """
+    total = variance
+    for i in range(6):
+        gain[i] = 0.0
+        for j in range(6):
+            gain[i] += walk[i, j] * row[j]
+    for i in range(6):
+        total += row[i] * gain[i]
+    scale = 1.0 / total
+    root = math.sqrt(scale)
+    for c in range(seen.size):
+        v = seen[c]
+        for i in range(6):
+            v -= row[i] * columns[i, size + c]
+        for i in range(6):
+            columns[i, size + c] += gain[i] * scale * v
+        seen[c] = v * root
+    for i in range(6):
+        for j in range(6):
+            walk[i, j] -= gain[i] * scale * gain[j]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _gather(seen, size, normal):  # type: ignore[no-untyped-def]
+    """Add a whitened reading to the normal equations; the residual is the last row and column."""
+    for i in range(size + 1):
+        for j in range(i, size + 1):
+            normal[i, j] += seen[i] * seen[j]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _arm_slopes(rate, arm, attitude, earth, offset, slope):  # type: ignore[no-untyped-def]
+    """Velocity of the slave about the master, ``(w - R' w_ie) x l``, in the slave's axes, and its derivative ``[w x][l x]``.
+
+    The derivative is to a turn of the mounting, ``M exp([eta x])`` with ``l = M' arm``.
+    """
+    w = np.empty(3)
+    for i in range(3):
+        w[i] = rate[i] - (attitude[0, i] * earth[0] + attitude[1, i] * earth[1] + attitude[2, i] * earth[2])
+    dot = w[0] * arm[0] + w[1] * arm[1] + w[2] * arm[2]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        offset[i] = w[j] * arm[k] - w[k] * arm[j]
+        for c in range(3):
+            slope[i, c] = arm[i] * w[c]
+        slope[i, i] -= dot
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _apply(matrix, vector, out):  # type: ignore[no-untyped-def]
+    """``out = matrix vector``; `out` is not `vector`."""
+    for i in range(3):
+        out[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _advance(attitude, velocity, turn, push, slopes, columns, gained):  # type: ignore[no-untyped-def]
+    """Run and the columns of its errors over one interval, all in inertial axes; `gained` is the velocity of the interval."""
+    _apply(attitude, push, gained)
+    velocity += gained
+    attitude[:] = _times(attitude, turn)
+    _carry(_UPRIGHT, gained, columns)
+    for i in range(3):
+        for j in range(3):
+            for l in range(3):
+                columns[i, 6 + j] += attitude[i, l] * slopes[0, l, j]
+                columns[3 + i, 6 + j] += attitude[i, l] * slopes[1, l, j]
+                columns[3 + i, 9 + j] += attitude[i, l] * slopes[2, l, j]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _see_attitude(attitude, mounting, reading, variance, size, columns, walk, normal):  # type: ignore[no-untyped-def]
+    """A reading of the master's attitude: ``Log(A M R')`` is what the slave turned too little, less the mounting's own error."""
+    row, gain, seen, left = np.zeros(6), np.empty(6), np.empty(size + 1), np.empty(3)
+    _logarithm(_times_t(_times(reading, mounting), attitude), left)
+    for i in range(3):
+        row[:] = 0.0
+        row[i] = 1.0
+        for c in range(size):
+            seen[c] = columns[i, c]
+        for c in range(3):
+            seen[12 + c] -= attitude[i, c]
+        seen[size] = left[i]
+        _whiten(row, seen, columns, walk, size, variance, gain)
+        _gather(seen, size, normal)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _see_velocity(  # type: ignore[no-untyped-def]
+    attitude, left, axes, rate, arm, earth, variances, tie, size, columns, walk, normal
+):
+    """A reading of the master's velocity, `left` of it by the run; the slave's own arm makes ``R (w x l)`` more of it."""
+    row, gain, seen = np.empty(6), np.empty(6), np.empty(size + 1)
+    body, offset, slope = np.empty(3), np.empty(3), np.empty((3, 3))
+    _arm_slopes(rate, arm, attitude, earth, body, slope)
+    _apply(attitude, body, offset)
+    slope = _times(attitude, slope)
+    for e in range(3):
+        if not math.isfinite(variances[e]):
+            continue
+        seen[size] = 0.0
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            row[3 + i] = axes[i, e]
+            row[i] = axes[j, e] * offset[k] - axes[k, e] * offset[j]  # a turn of the slave turns its arm: offset x phi
+            seen[size] += axes[i, e] * (left[i] + offset[i])
+        for c in range(size):
+            seen[c] = 0.0
+            for i in range(6):
+                seen[c] += row[i] * columns[i, c]
+        for c in range(3):
+            for i in range(3):
+                seen[tie + c] -= axes[i, e] * slope[i, c]
+        _whiten(row, seen, columns, walk, size, variances[e], gain)
+        _gather(seen, size, normal)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def normal_equations(  # type: ignore[no-untyped-def]
+    turn, push, slopes, gathered, series, axes, rates, attitudes, earth, arm, noise, attitude, velocity, mounting
+):
+    """Sum of squares of the whitened residuals of a run that knows no noise, with its Gauss-Newton normal equations.
+
+    The run starts at `attitude` and `velocity` and never looks at the readings. A turn of the start in its own axes, xi, and the
+    other parameters change it linearly. White noise of the sensors gathers in it and correlates the readings; a
+    filter of that noise alone (its covariance starts at nothing) whitens the residuals and each column of their derivative with the
+    same gains (Durbin & Koopman, *Time Series Analysis by State Space Methods*, 6.2.4). Noise and columns are in inertial axes:
+    in the slave's, what has gathered would seem to turn with the azimuth looked for, and to say something about it.
+
+    Parameters
+    ----------
+    turn, push, slopes : ndarray
+        From :func:`intervals`, m of each.
+    gathered : ndarray, shape (m, 2), rad^2 and (m/s)^2
+        Variance that the white noise of gyros and accelerometers gathers over each interval, on each axis.
+    series : ndarray, shape (m, 3), m/s
+        Master's velocity in inertial axes less all that gravitation and Earth rate do, at the end of each interval.
+    axes : ndarray, shape (m, 3, 3)
+        East, north, up to inertial axes, there.
+    rates : ndarray, shape (m, 3), rad/s
+        Of the slave against inertial space, in its axes, there.
+    attitudes : ndarray, shape (m + 1, 3, 3) or (0, 3, 3)
+        Of the master against the inertial axes, at the start and at the end of each interval.
+    earth : ndarray, shape (3,), rad/s
+        Earth rate in inertial axes.
+    arm : ndarray, shape (3,), m
+        From the master to the slave, in the master's axes.
+    noise : ndarray, shape (4,), (m/s)^2 and rad^2
+        Variances of the velocity east, north, up (infinite: not used) and of the attitude.
+    attitude, velocity : ndarray, shape (3, 3) and (3,)
+        Start of the run, in inertial axes.
+    mounting : ndarray, shape (3, 3)
+        Slave to master coordinates.
+
+    Returns
+    -------
+    normal : ndarray, shape (p + 1, p + 1)
+        ``[J r]' [J r]``, symmetric, residual = r - J parameters. Parameters: turn of the start in its own axes, velocity,
+        biases of gyros and accelerometers, and with attitudes a turn of the mounting in the slave's axes; without them the
+        mounting turns with the start.
+    """
+    matched = attitudes.shape[0] > 0
+    p = 15 if matched else 12
+    normal = np.zeros((p + 1, p + 1))
+    # parameters; means of the noise for each of them and for the residual
+    columns, walk = np.zeros((6, 2 * p + 1)), np.zeros((6, 6))
+    columns[:3, :3] = attitude
+    columns[3:, 3:6] = np.eye(3)
+    r, y, gained, body_arm = attitude.copy(), velocity.copy(), np.empty(3), np.empty(3)
+    _apply(mounting.T, arm, body_arm)
+    for k in range(gathered.shape[0] + 1):
+        if k > 0:
+            _advance(r, y, turn[k - 1], push[k - 1], slopes[k - 1], columns, gained)
+            _carry(_UPRIGHT, gained, walk)
+            _turn_over(walk)
+            _carry(_UPRIGHT, gained, walk)
+            _spread(walk, _UPRIGHT, gained, gathered[k - 1, 0], gathered[k - 1, 1])
+        if matched:
+            _see_attitude(r, mounting, attitudes[k], noise[3], p, columns, walk, normal)
+        if k > 0:
+            left = series[k - 1] - y
+            tie = 12 if matched else 0  # where a turn of the mounting stands
+            _see_velocity(r, left, axes[k - 1], rates[k - 1], body_arm, earth, noise, tie, p, columns, walk, normal)
+    for i in range(p + 1):
+        for j in range(i):
+            normal[i, j] = normal[j, i]
+    return normal
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _correct(error, attitude, velocity):  # type: ignore[no-untyped-def]
+    """State corrected along the group: ``y = y + R Jl(xi) zeta, R = R exp([xi x])``."""
+    turn, left = np.empty((3, 3)), np.empty((3, 3))
+    _exponential(error[0], error[1], error[2], turn, left)
+    left = _times(attitude, left)
+    for i in range(3):
+        velocity[i] += left[i, 0] * error[3] + left[i, 1] * error[4] + left[i, 2] * error[5]
+    attitude[:] = _times(attitude, turn)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _flow(turn, push, slope, square):  # type: ignore[no-untyped-def]
+    """``F square`` for all states (xi, zeta, gyro bias, accelerometer bias, ...)."""
+    _carry(turn, push, square)
+    for c in range(square.shape[1]):
+        for i in range(3):
+            for j in range(3):
+                square[i, c] += slope[0, i, j] * square[6 + j, c]
+                square[3 + i, c] += slope[1, i, j] * square[6 + j, c] + slope[2, i, j] * square[9 + j, c]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _update(row, value, variance, covariance, error, gain):  # type: ignore[no-untyped-def]
+    """Scalar update of an error that has not been fed back yet."""
+    n = error.size
+    total, left = variance, value
+    for i in range(n):
+        gain[i] = 0.0
+        for j in range(n):
+            gain[i] += covariance[i, j] * row[j]
+    for i in range(n):
+        total += row[i] * gain[i]
+        left -= row[i] * error[i]
+    for i in range(n):
+        error[i] += gain[i] * left / total
+        for j in range(i, n):
+            covariance[i, j] -= gain[i] * gain[j] / total
+            covariance[j, i] = covariance[i, j]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _predict(turn, push, slopes, bias, gathered, attitude, velocity, back, covariance):  # type: ignore[no-untyped-def]
+    """One interval of the filter; `back` takes coordinates now to those of the start."""
+    shift, nothing = np.zeros(6), np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            velocity[i] += attitude[i, j] * push[j]
+            shift[i] += slopes[0, i, j] * bias[j]
+            shift[3 + i] += slopes[1, i, j] * bias[j] + slopes[2, i, j] * bias[3 + j]
+    attitude[:] = _times(attitude, turn)
+    back[:] = _times(back, turn)
+    _correct(shift, attitude, velocity)
+    _correct(shift, back, nothing)
+    _flow(turn, push, slopes, covariance)
+    _turn_over(covariance)
+    _flow(turn, push, slopes, covariance)
+    _spread(covariance, turn, push, gathered[0], gathered[1])
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _take_velocity(left, axes, rate, arm, earth, variances, attitude, covariance, error):  # type: ignore[no-untyped-def]
+    """A reading of the master's velocity, `left` of it by the state, in the filter."""
+    n = error.size
+    row, gain, offset, slope = np.zeros(n), np.empty(n), np.empty(3), np.empty((3, 3))
+    _arm_slopes(rate, arm, attitude, earth, offset, slope)
+    view = _times(axes.T, attitude)
+    for e in range(3):
+        if not math.isfinite(variances[e]):
+            continue
+        value = 0.0
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            row[3 + i] = view[e, i]
+            row[i] = view[e, j] * offset[k] - view[e, k] * offset[j]
+            value += axes[i, e] * left[i] + view[e, i] * offset[i]
+            if n > 12:
+                row[12 + i] = -(view[e, 0] * slope[0, i] + view[e, 1] * slope[1, i] + view[e, 2] * slope[2, i])
+        _update(row, value, variances[e], covariance, error, gain)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def left_invariant(  # type: ignore[no-untyped-def]
+    turn, push, slopes, gathered, series, axes, rates, attitudes, earth, arm, noise, attitude, velocity, mounting, covariance
+):
+    """Left-invariant extended Kalman filter with feedback over the same readings as :func:`normal_equations`.
+
+    Barrau & Bonnabel 2017 (IEEE TAC 62, 1797), with the biases beside the group ("imperfect" form): the error of attitude and
+    velocity propagates linearly whatever the estimate is, and a correction moves the state along the group.
+
+    Parameters
+    ----------
+    turn, ..., mounting
+        See :func:`normal_equations`; the intervals are those with no bias taken off.
+    covariance : ndarray, shape (n, n)
+        Of (xi, zeta, gyro bias, accelerometer bias, and with attitudes the mounting's turn) at the start, xi and zeta in the slave's
+        axes. Overwritten with that at the end.
+
+    Returns
+    -------
+    start : ndarray, shape (3, 3)
+        Attitude at the start: that at the end carried back with the turns and the estimated bias.
+    biases : ndarray, shape (6,)
+        Of gyros and accelerometers.
+    mounting : ndarray, shape (3, 3)
+    """
+    matched = attitudes.shape[0] > 0
+    n = covariance.shape[0]
+    r, y, m0, bias, back = attitude.copy(), velocity.copy(), mounting.copy(), np.zeros(6), np.eye(3)
+    error, row, gain, seen, body_arm = np.zeros(n), np.zeros(n), np.empty(n), np.empty(3), np.empty(3)
+    turned, left = np.empty((3, 3)), np.empty((3, 3))
+    for k in range(gathered.shape[0] + 1):
+        if k > 0:
+            _predict(turn[k - 1], push[k - 1], slopes[k - 1], bias, gathered[k - 1], r, y, back, covariance)
+        error[:] = 0.0
+        if matched:
+            _logarithm(_times(_times(r.T, attitudes[k]), m0), seen)
+            for i in range(3):
+                row[:] = 0.0
+                row[i], row[12 + i] = 1.0, -1.0
+                _update(row, seen[i], noise[3], covariance, error, gain)
+        if k > 0:
+            _apply(m0.T, arm, body_arm)
+            _take_velocity(series[k - 1] - y, axes[k - 1], rates[k - 1], body_arm, earth, noise, r, covariance, error)
+        _correct(error, r, y)
+        for i in range(6):
+            bias[i] += error[6 + i]
+        if matched:
+            _exponential(error[12], error[13], error[14], turned, left)
+            m0[:] = _times(m0, turned)
+        else:
+            # what the master said of its attitude at the start stands, and the mounting is the slave's attitude against it
+            m0[:] = _times(mounting, _times(attitude.T, _times_t(r, back)))
+    return _times_t(r, back), bias, m0
