@@ -147,14 +147,15 @@ class Filter:
     def _relinearise(self, mounting: Array, C: Array) -> None:
         """Start with a mounting m of which the prior knows nothing, ``exp(mu) = exp(m) exp(d)``.
 
-        The prior's mean is d = -m, which is mu = 0 exactly; around it ``mu = Jl(m) (d + m)``.
+        The prior is on mu, ``mu = m + Jr(m)^-1 d`` where the filter will end: d has the mean ``-m`` (``Jr(m) m = m``) and the
+        covariance ``Jr P Jr'``.
         """
         where, attitude = self.states.block("mounting"), self.states.block("attitude")
         self.values[where] = mounting
         self.x[where] = -mounting
         self.x[attitude] = -C @ mounting
         both = np.eye(len(self.x))
-        both[where, where] = np.linalg.inv(left_jacobian(mounting))
+        both[where, where] = left_jacobian(mounting).T
         both[attitude, attitude] = C @ both[where, where] @ C.T
         self.P = both @ self.P @ both.T
 
