@@ -12,10 +12,10 @@ import numpy as np
 import plain_strapdown as plain
 from harmonics import race
 from sagnac.earth import EARTH_RATE, ELLIPSOID
-from sagnac.navigate.course import Course, Leg, Sway
 from sagnac.navigate.state import State
 from sagnac.navigate.strapdown import Navigator, integrate, pack, unpack
 from sagnac.navigate.trajectory import Trajectory
+from sagnac.navigate.trajectory.course import Course, Leg, Sway
 
 SAMPLES, FREQUENCY = 400_000, 100.0
 CONSTANTS = np.array([*ELLIPSOID, EARTH_RATE, 0.0])

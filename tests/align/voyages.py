@@ -15,7 +15,7 @@ from sagnac.align.config import Config, from_table
 from sagnac.align.master import Master, from_arrays
 from sagnac.align.samples import Slave
 from sagnac.frames import heading_pitch_roll, rotation_matrix
-from sagnac.navigate import course
+from sagnac.navigate.trajectory import course
 from sagnac.navigate.trajectory import Trajectory
 
 DEG = math.pi / 180
@@ -149,7 +149,7 @@ class Voyage:
         return folder / "master.parquet", folder / "slave.parquet"
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _true(way: str, frequency: float, rate: float, lever: tuple[float, float, float]):
     base = Trajectory.of(course.from_table(WAYS[way]))
     slave = base.carry(lever_arm=lever) if any(lever) else base

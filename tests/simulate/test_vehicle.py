@@ -14,8 +14,8 @@ from test_scenario import changed, table_of
 from sagnac.align.config import load as load_config
 from sagnac.earth import normal_gravity, radii
 from sagnac.frames import attitude_matrix, heading_pitch_roll, rotation_matrix
-from sagnac.navigate import course
 from sagnac.navigate.strapdown import increments, integrate
+from sagnac.navigate.trajectory import course
 from sagnac.recording import Batch, open_recording
 from sagnac.simulate import scenario as scenarios
 from sagnac.simulate.build import build

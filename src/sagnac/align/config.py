@@ -25,8 +25,8 @@ from pydantic import (
 from ..earth import EARTH_RATE
 from ..errors import InputError
 from ..files import write_atomically
-from ..navigate import course
-from ..navigate.course import Course
+from ..navigate.trajectory import course
+from ..navigate.trajectory.course import Course
 from ..plan import read_toml
 from ..quantities import ABOVE_ZERO, SIZE, si
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..frames import Array, rot_x, rot_y, rot_z
-from ..navigate.legs import MARGIN
+from ..navigate.trajectory.legs import MARGIN
 from ..plan import Plan
 from ..recording import SENSORS, nominal_scale
 from ..rigs import turntable

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from ..navigate.legs import MARGIN
+from ..navigate.trajectory.legs import MARGIN
 from ..quantities import (
     ABOVE_ZERO,
     AS_LIST,

@@ -19,8 +19,8 @@ from pydantic import Field, ValidationError
 
 from .. import plan as plans
 from ..errors import InputError
-from ..navigate import course as courses
-from ..navigate.course import Course
+from ..navigate.trajectory import course as courses
+from ..navigate.trajectory.course import Course
 from ..plan import Plan
 from ..quantities import checked, problem
 from ..recording import SENSORS

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from .. import earth
 from ..errors import InputError
 from ..frames import Array, rotation_matrix
-from ..navigate.carried import Flexure
-from ..navigate.course import Course
-from ..navigate.legs import MARGIN
 from ..navigate.trajectory import Trajectory
+from ..navigate.trajectory.carried import Flexure
+from ..navigate.trajectory.course import Course
+from ..navigate.trajectory.legs import MARGIN
 from .engine import STREAMS
 from .noise import generator
 from .records import VehicleErrors

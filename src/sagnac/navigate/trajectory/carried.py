@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..earth import ELLIPSOID
-from ..frames import Array, cross, rotation_matrix, skew
-from . import wander
+from ...earth import ELLIPSOID
+from ...frames import Array, cross, rotation_matrix, skew
+from .. import wander
 
 _ROUNDS = 3  # Newton's steps for a point beside a known one: from 1 km, 0.1 m, then 1e-6 m, then rounding
 

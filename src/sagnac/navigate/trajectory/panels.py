@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from ..frames import Array
+from ...frames import Array
 
 Indices = NDArray[np.int64]
 

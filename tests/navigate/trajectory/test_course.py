@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sagnac.errors import InputError
-from sagnac.navigate.course import Climb, Course, Leg, Sway, from_table
 from sagnac.navigate.trajectory import Trajectory
+from sagnac.navigate.trajectory.course import Climb, Course, Leg, Sway, from_table
 
 DEG = math.pi / 180.0
 START = {"latitude": "55 deg", "speed": "10 m/s", "heading": "30 deg"}

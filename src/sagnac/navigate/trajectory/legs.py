@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from ..earth import STANDARD_GRAVITY
-from ..errors import InputError
+from ...earth import STANDARD_GRAVITY
+from ...errors import InputError
 
 if TYPE_CHECKING:
     from .course import Course, Leg

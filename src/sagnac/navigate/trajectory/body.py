@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..frames import Array
+from ...frames import Array
 from .way import Track, Way
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
-from ..errors import InputError
-from ..quantities import ABOVE_ZERO, SIZE, checked, si
+from ...errors import InputError
+from ...quantities import ABOVE_ZERO, SIZE, checked, si
 
 _MOST_LEGS = 20_000
 _LONGEST = 1e7  # s: four months

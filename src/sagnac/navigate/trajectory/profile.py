@@ -10,7 +10,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from ..frames import Array
+from ...frames import Array
 from .legs import MARGIN, parts
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ class Profile:
     Attributes
     ----------
     breaks : ndarray, shape (p + 1,), s
-        Where the pieces begin, and the end of the last. The first and the last are those of :data:`sagnac.navigate.legs.MARGIN`.
+        Where the pieces begin, and the end of the last. The first and the last are those of
+        :data:`sagnac.navigate.trajectory.legs.MARGIN`.
     speed, heading, turn, climb, height : ndarray, shape (degree + 1, p)
     easing : ndarray of bool, shape (p,)
         Whether something comes in.

@@ -20,14 +20,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..earth import EARTH_RATE, ELLIPSOID, normal_gravity
-from ..errors import InputError
-from ..frames import Array, attitude_matrix, cross
+from ...earth import EARTH_RATE, ELLIPSOID, normal_gravity
+from ...errors import InputError
+from ...frames import Array, attitude_matrix, cross
+from ..state import State
 from .body import Body, angles
 from .carried import RIGID, Carried, Flexure, beside, swung
 from .course import Course
 from .panels import divided, locate, rule, values
-from .state import State
 from .way import Track, Way
 
 PIECE = 1 << 14

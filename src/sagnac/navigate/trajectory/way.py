@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..earth import ELLIPSOID
-from ..errors import InputError
-from ..frames import Array
-from . import wander
+from ...earth import ELLIPSOID
+from ...errors import InputError
+from ...frames import Array
+from .. import wander
 from .panels import Rule, locate, rule, values
 from .profile import Moment, Profile
 
