@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from scene import ARCMIN, BASE, S_TURN, config, legs, scene
 
 from sagnac.align.covariance import covariance
 from sagnac.align.run import transfer
 from sagnac.errors import InputError
-
-sys.path.insert(0, str(Path(__file__).parent))
-from scene import ARCMIN, BASE, S_TURN, config, legs, scene
 
 PUBLISHED = BASE.replace('"10 m/s"', '"19.44 kn"').replace('attitude = "1 arcmin"', "")
 """[HUANG11]: due east at 19.44 kn, 60 N 108 E, height 0."""

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from scene import ARCMIN, BASE, S_TURN, config, deviations, legs, scene
 
 from sagnac.align.run import transfer
 from sagnac.align.samples import Feed, Slave
 from sagnac.errors import DataError, InputError
 from sagnac.frames import heading_pitch_roll
-
-sys.path.insert(0, str(Path(__file__).parent))
-from scene import ARCMIN, BASE, S_TURN, config, deviations, legs, scene
 
 SHORT_TURN = legs((10, 3), (20, -3), (10, 3))
 EASED = S_TURN.replace("turn_rate", 'ease = "2 s"\nturn_rate')

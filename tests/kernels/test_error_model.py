@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
+import mechanisation
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,9 +15,6 @@ from sagnac.kernels.error_model import system
 from sagnac.kernels.kalman import transition
 from sagnac.navigate.state import State
 from sagnac.navigate.strapdown import Navigator
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "align"))
-import mechanisation
 
 FORMS = [(m, full) for m in ("wander", "geographic") for full in (False, True)]
 
