@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from ..earth import ELLIPSOID, normal_gravity
 from ..errors import InputError
 from ..frames import Array, rot_z, rotation_matrix, rotation_vector
+from ..navigate.many import pack_many
 from ..navigate.state import State
-from ..navigate.strapdown import pack, unpack
+from ..navigate.strapdown import unpack
 from ..navigate.trajectory import Trajectory
 from . import model
 
@@ -194,15 +195,13 @@ class Chain:
         to_master = rotation_matrix(drawn[:3].T)
         velocity = np.repeat(truth.velocity[None], lanes, axis=0)
         velocity[:, :2] += drawn[3:5].T
-        C_e_w = rot_z(-drawn[11]) @ truth.C_e_w
-        state = [
-            pack(State(truth.C_b_w, v, C, truth.height)) for v, C in zip(velocity, C_e_w, strict=True)
-        ]  # with the master's attitude
+        C_b_w = np.broadcast_to(truth.C_b_w, (lanes, 3, 3))  # the slaves start with their master's attitude
+        state = pack_many(State(C_b_w, velocity, rot_z(-drawn[11]) @ truth.C_e_w, truth.height))
         P = np.zeros((_SLOT.size, _SLOT.size))
         slot = _SLOT[: len(self.names)]
         P[np.ix_(slot, slot)] = self.prior
         return Group(
-            np.ascontiguousarray(np.transpose(state)).ravel(),
+            np.ascontiguousarray(state.T).ravel(),
             np.repeat(P.ravel(), lanes),
             drawn[5:11].ravel(),
             generator,
