@@ -29,7 +29,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -98,6 +98,13 @@ class MonteCarlo:
         """RMS error over sigma, shape (m, n); one where the filter is honest, give or take ``1 / sqrt(2 runs)``."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(self.rms / self.sigma)
+
+    def to_dict(self) -> dict[str, Any]:
+        """A plain table for JSON, without the errors of single runs."""
+        names = ("time", "mean", "rms", "sigma", "nees", "nees_band", "nis", "nis_band", "drift")
+        table = {name: getattr(self, name).tolist() for name in names}
+        same = {name: getattr(self, name) for name in ("method", "runs", "seed")}
+        return {**same, "names": list(self.names), "units": list(self.units), **table}
 
     def summary(self) -> str:
         """Text for a person: errors over time, then every state at the end."""

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from . import options
+from .commands_monte_carlo import MONTE_CARLO_EXAMPLE, monte_carlo
 from .commands_static import STATIC_EXAMPLE, static
 
 align_app = typer.Typer(
@@ -19,6 +20,7 @@ align_app = typer.Typer(
     rich_markup_mode="markdown",
 )
 align_app.command(epilog=STATIC_EXAMPLE)(static)
+align_app.command("monte-carlo", epilog=MONTE_CARLO_EXAMPLE)(monte_carlo)
 
 ConfigFile = Annotated[
     Path, typer.Option("--config", help="Method, what is known beforehand, noise (TOML).", metavar="C.TOML")

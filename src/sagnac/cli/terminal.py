@@ -20,6 +20,7 @@ _COMPILED = {
     "align static": (("attitude", "compose"),),
     "align transfer": (("strapdown", "advance"), ("kalman", "update")),
     "align covariance": (("covariance", "follow"),),
+    "align monte-carlo": (("lanes_chain", "align"),),
     "navigate": (("strapdown", "trace"),),
 }
 """Kernels that a method calls."""
