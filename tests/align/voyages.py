@@ -15,8 +15,7 @@ from sagnac.align.config import Config, from_table
 from sagnac.align.master import Master, from_arrays
 from sagnac.align.samples import Slave
 from sagnac.frames import heading_pitch_roll, rotation_matrix
-from sagnac.navigate.trajectory import course
-from sagnac.navigate.trajectory import Trajectory
+from sagnac.navigate.trajectory import Trajectory, course
 
 DEG = math.pi / 180
 HOUR = 3600.0

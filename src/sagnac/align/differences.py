@@ -145,7 +145,7 @@ def lever_arm(given: Intervals, found: Apart, config: Config) -> Lever | None:
 
 
 def _of_stretch(given: Intervals, found: Apart, part: slice, earth_rate: float) -> tuple[Array, Array]:
-    """Rows for bias and lever arm, (3 n, 6), and what they are to explain, (3 n,), m/s: a tilt and a start of its own taken out."""
+    """Rows for bias and lever arm, (3 n, 6), and what they are to explain, (3 n,), m/s: its own tilt and start taken out."""
     turned = np.concatenate([np.eye(3)[None], rotation_matrix(found.turned[part])])
     for i in range(1, len(turned)):
         turned[i] = turned[i - 1] @ turned[i]

@@ -16,6 +16,7 @@ from itertools import permutations, product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import DataError, InputError
 from ..frames import Array, attitude_matrix, heading_pitch_roll, rotation_vector, skew, wahba
@@ -135,7 +136,7 @@ def refuse_other_reading(slave: Slave, master: Master, config: Config) -> list[s
     sides = [i for i in range(2) if found.misfit[i] > _LIMIT]
     if not sides:
         return []
-    sizes = [f"{what} by {found.rms[i]:.3g} {unit} rms" for i, (what, unit) in enumerate(_FELT) if i in sides]
+    sizes = [_size(i, found.rms[i]) for i in sides]
     words = _explained(found, sides) or found.beyond(sides)
     if words:
         raise DataError(f"{slave.name} does not fit {master.name}, its {' and its '.join(sizes)}: {words}")
@@ -150,7 +151,16 @@ def refuse_other_reading(slave: Slave, master: Master, config: Config) -> list[s
     return [text]
 
 
-_FELT = (("specific force", "m/s^2"), ("angular rate", "rad/s"))
+def _size(sensor: int, rms: float) -> str:
+    """A misfit of specific force (0) or angular rate (1), SI, in words."""
+    if sensor == 0:
+        return f"specific force by {rms:.3g} m/s^2 rms"
+    degrees = math.degrees(rms)
+    return (
+        f"angular rate by {degrees:.3g} deg/s rms"
+        if degrees > 0.1
+        else f"angular rate by {3600 * degrees:.3g} deg/h rms"
+    )
 
 
 class _Scale:
@@ -168,7 +178,7 @@ class _Scale:
         self._given, self._master, self._config = given, master, config
         self._span = max(span, 10.0 * master.interval)
         self.base = self.of(master)
-        self._noise = self._uneven()
+        self._noise = self._uneven(self.base)
         flexing = 0.0 if config.flexure is None else np.square(config.flexure.sigma)
         self.mounting = np.sqrt(np.square(config.initial.misalignment) + flexing + 1e-10)
         biases = config.initial.accel_bias, config.initial.gyro_bias
@@ -183,43 +193,47 @@ class _Scale:
         """With the predictions of a master's log."""
         return windows(self._given, *predicted(master, self._given.number, self._config), self._span)
 
-    def _uneven(self) -> tuple[Array, Array]:
+    def _uneven(self, given: Windows) -> tuple[Array, Array]:
         """What slave and master may differ by from window to window, m/s^2 and rad/s, (n, 3)."""
-        first, noise, span = self._config.initial, self._config.noise, self.base.span
+        first, noise, span = self._config.initial, self._config.noise, given.span
         flexing = 0.0 if self._config.flexure is None else float(np.linalg.norm(self._config.flexure.sigma))
         angle = _attitude_noise(self._master) + flexing
         mounted = float(np.linalg.norm(first.misalignment))
         curved = 0.5 * mounted**2
         lever = float(np.linalg.norm(self._config.lever_arm)) + float(np.linalg.norm(first.lever_arm or 0.0))
-        rate = np.linalg.norm(self.base.rate, axis=1)
-        carried = lever * (rate**2 + _greatest_change(self.base.rate) / span)
+        rate = np.linalg.norm(given.rate, axis=1)
+        carried = lever * (rate**2 + _greatest_change(given.rate) / span)
         accel = noise.accel**2 / span + 2.0 * (noise.velocity / span) ** 2 + carried**2
         gyro = noise.gyro**2 / span + 2.0 * (angle / span) ** 2
         out = []
-        for p, own, turned in ((self.base.force, accel, angle + curved), (self.base.rate, gyro, curved)):
+        for p, own, turned in ((given.force, accel, angle + curved), (given.rate, gyro, curved)):
             varying = _GAIN * (p - p.mean(axis=0))
             step = _LATE * np.diff(p, axis=0, prepend=p[:1], append=p[-1:])
             sudden = mounted * (np.linalg.norm(step[1:], axis=1) + np.linalg.norm(step[:-1], axis=1)) / _LATE
             common = own + (turned * np.linalg.norm(p, axis=1)) ** 2 + sudden**2
-            out.append(np.sqrt(common[:, None] + varying**2 + step[1:] ** 2 + step[:-1] ** 2))
+            out.append(np.maximum(np.sqrt(common[:, None] + varying**2 + step[1:] ** 2 + step[:-1] ** 2), 1e-15))
         return out[0], out[1]
 
-    def misfit(self, sensor: int, felt: Array, p: Array) -> float:
+    def misfit(self, sensor: int, felt: Array, other: Windows | None = None) -> float:
         """Of accelerometers (0) or gyros (1) against a prediction, with mounting and bias as far as they are likely."""
-        left, x = self.fit(sensor, felt, p)
+        left, x = self.fit(sensor, felt, other)
         return math.sqrt(left + float(np.mean(x**2)))
 
-    def fit(self, sensor: int, felt: Array, p: Array) -> tuple[float, Array]:
+    def fit(self, sensor: int, felt: Array, other: Windows | None = None) -> tuple[float, Array]:
         """Mean square of what mounting and bias leave, over what it may be, and both of them over what they may be, (6,)."""
-        sigma, noise = self.sigma[sensor], np.maximum(self._noise[sensor], 1e-15)
+        to = other or self.base
+        p = (to.force, to.rate)[sensor]
+        sigma, noise = self.sigma[sensor], (self._noise if other is None else self._uneven(other))[sensor]
         A = np.concatenate([skew(p), np.broadcast_to(np.eye(3), (len(p), 3, 3))], axis=-1) / noise[..., None]
         y = (felt - p) / noise
-        kept, x, left = np.arange(len(p)), np.zeros(6), np.zeros(len(p))
-        for _ in range(
-            2
-        ):  # a tenth may be anything, outliers or a turn that comes a little late: the second time without it
-            N = np.einsum("nij,nik->jk", A[kept], A[kept]) + np.diag(1.0 / sigma**2)
-            x = np.linalg.solve(N * np.outer(sigma, sigma), sigma * np.einsum("nij,ni->j", A[kept], y[kept]))
+        kept: NDArray[np.int64] = np.arange(len(p))
+        x: Array = np.zeros(6)
+        left: Array = np.zeros(len(p))
+        # a tenth may be anything, outliers or a turn that comes a little late: the second time without it
+        for _ in range(2):
+            rows, wanted = A[kept].reshape(-1, 6), y[kept].ravel()
+            N = (rows.T @ rows + np.diag(1.0 / sigma**2)) * np.outer(sigma, sigma)
+            x = np.asarray(np.linalg.solve(N, sigma * (rows.T @ wanted)), dtype=float)
             left = ((y - A @ (sigma * x)) ** 2).sum(axis=1)
             kept = np.argsort(left)[: max(1, len(p) - len(p) // 10)]
         return float(left[kept].mean()) / 3.0, x
@@ -242,13 +256,12 @@ class _Comparison:
         """Misfits with the samples multiplied by matrices (None: left as they are), or against another master."""
         out = [0.0, 0.0]
         for scale in self._scales:
-            base = scale.base
-            to = base if master is None else scale.of(master)
-            for i, (matrix, felt, p) in enumerate(((accel, base.felt, to.force), (gyro, base.turned, to.rate))):
+            other = None if master is None else scale.of(master)
+            for i, (matrix, felt) in enumerate(((accel, scale.base.felt), (gyro, scale.base.turned))):
                 if matrix is None:
                     out[i] = self.misfit[i]
                 else:
-                    out[i] = max(out[i], scale.misfit(i, felt @ matrix.T, p))
+                    out[i] = max(out[i], scale.misfit(i, felt @ matrix.T, other))
         return _Misfit(*out)
 
     def beyond(self, sides: list[int]) -> str:
@@ -257,7 +270,7 @@ class _Comparison:
         for i in sides:
             scale = self._scales[-1]
             base = scale.base
-            left, x = scale.fit(i, *((base.felt, base.force), (base.turned, base.rate))[i])
+            left, x = scale.fit(i, (base.felt, base.turned)[i])
             far = np.flatnonzero(np.abs(x) > _LIMIT)
             if left > _LIMIT**2 or not far.size:
                 return ""

@@ -266,10 +266,10 @@ def _course_lines(found: Alignment) -> list[str]:
     lines = ["", "  standard uncertainty over time"]
     for begin in range(0, len(scales), _COLUMNS):
         part = range(begin, min(begin + _COLUMNS, len(scales)))
-        lines.append("  " + f"{'after [s]':>10}" + "".join(f"{found.parameters[i].name:>16}" for i in part))
-        lines.append("  " + " " * 10 + "".join(f"{'[' + scales[i][1] + ']':>16}" for i in part))
+        lines.append("  " + f"{'after [s]':>10}" + "".join(f"{found.parameters[i].name:>18}" for i in part))
+        lines.append("  " + " " * 10 + "".join(f"{'[' + scales[i][1] + ']':>18}" for i in part))
         for moment in found.course:
-            row = "".join(f"{moment.standard_uncertainty[i] * scales[i][0]:>16.4g}" for i in part)
+            row = "".join(f"{moment.standard_uncertainty[i] * scales[i][0]:>18.4g}" for i in part)
             lines.append("  " + f"{moment.after:>10.1f}" + row)
     return lines
 

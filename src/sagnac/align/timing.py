@@ -155,14 +155,18 @@ def _lateness_told(late: Lateness | None, given: Intervals, found: Apart, master
 def _jumps(given: Intervals, found: Apart, master: Master, config: Config) -> list[str]:
     """Steps of velocity and attitude that the slave does not feel; single samples that are off are left to the gate."""
     out = []
-    for what, between, noise in (
-        ("velocity", found.velocity, config.noise.velocity),
-        ("attitude", found.angle, config.noise.attitude or 0.0),
+    mounted = 4.0 * float(np.linalg.norm(config.initial.misalignment))
+    for what, between, noise, moved in (
+        ("velocity", found.velocity, config.noise.velocity, found.gained),
+        ("attitude", found.angle, config.noise.attitude or 0.0, found.turned),
     ):
         least, unit, size_of = _JUMPS[what]
         size = np.linalg.norm(between - np.median(between, axis=0), axis=1)
         usual = float(np.median(size))
-        far = np.flatnonzero(size > max(_FAR * usual, 8.0 * math.sqrt(2.0) * noise, least))
+        allowed = np.maximum(
+            max(_FAR * usual, 8.0 * math.sqrt(2.0) * noise, least), mounted * np.linalg.norm(moved, axis=1)
+        )
+        far = np.flatnonzero(size > allowed)
         steps, spikes = _sorted(far, between, given)
         if spikes.size:
             shown = ", ".join(f"{given.start[i] + given.steps[i] + config.latency:.6g} s" for i in spikes[:5])

@@ -9,12 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import InputError
 from . import options
 
 if TYPE_CHECKING:
-    from ..align.result import Alignment
-    from ..frames import Array
     from ..navigate.state import State
 
 STATIC_EXAMPLE = (
@@ -154,6 +151,7 @@ def navigate(
 ) -> None:
     """Navigate from an aligned start by the unit's own samples alone."""
     from ..align.result import load
+    from ..align.start import biases_of, state_of
     from ..navigate.free import navigate as run
     from .terminal import announce_compilation, counting
 
@@ -162,6 +160,7 @@ def navigate(
     interval = _needed(every, "time", "--every")
     found = load(start)
     state = state_of(found, str(start))
+    gyro_bias, accel_bias = biases_of(found) if biases else (None, None)
     opened = options.open_with(recording, None, units, scale, names)
     announce_compilation("navigate")
     with counting(f"navigating {opened.name}") as progress:
@@ -172,8 +171,8 @@ def navigate(
             begin=found.time,
             stop=_si(stop, "time", "--to"),
             interval=interval,
-            gyro_bias=_biases(found, "gyro") if biases else None,
-            accel_bias=_biases(found, "accel") if biases else None,
+            gyro_bias=gyro_bias,
+            accel_bias=accel_bias,
             meaning=samples.value,
             vertical=vertical.value,
             gravity_excess=_excess(state, _si(gravity, "acceleration", "--gravity")),
@@ -187,36 +186,6 @@ def navigate(
     typer.echo(
         json.dumps({"out": str(out), **done.to_dict()}, indent=1) if as_json else f"{done.summary()}\n  track in {out}"
     )
-
-
-def state_of(found: Alignment, name: str) -> State:
-    """The state that an alignment ends with.
-
-    Raises
-    ------
-    InputError
-        When it does not say where the unit was.
-    """
-    import numpy as np
-
-    from ..navigate.state import State
-
-    known = {v.name: v.value for v in (*found.place, *found.attitude)}
-    wanted = ("latitude", "longitude", "height", "v_east", "v_north", "v_up", "heading", "pitch", "roll")
-    values = [known.get(n) for n in wanted]
-    missing = [n for n, v in zip(wanted, values, strict=True) if v is None]
-    if missing:
-        raise InputError(f"{name}: navigation cannot start from it, it does not give {', '.join(missing)}")
-    latitude, longitude, height, east, north, up, heading, pitch, roll = (v for v in values if v is not None)
-    return State.from_angles(latitude, longitude, height, np.array([east, north, up]), (heading, pitch, roll))
-
-
-def _biases(found: Alignment, sensor: str) -> Array:
-    """Biases of a triad, zero for axes without one."""
-    import numpy as np
-
-    known = {v.name: v.value for v in found.parameters}
-    return np.array([known.get(f"{sensor}.bias.{a}") or 0.0 for a in "xyz"])
 
 
 def _excess(state: State, gravity: float | None) -> float:

@@ -37,6 +37,7 @@ _PANELS = (
     ("delay", "delay of the master", "ms", 1e-3),
 )
 _SIGMAS = 3.0
+_LEAST = 1e-3  # of the singular values that are drawn
 _POINTS = 1500  # a band is thinned to
 
 
@@ -72,36 +73,45 @@ def estimates_figure(run: Run) -> Figure:
     panels = [(p, members) for p, members in panels if members]
     figure = _figure(9.0, 2.5 * len(panels) + 0.4)
     known = bool(np.isfinite(run.values).any())
-    said = ", bands of 3 σ" if known else ", standard deviation"
-    said += ", smoothed dashed" * (run.smoothed is not None)
-    time, label = _clock(run)
-    some = _thin(time.size)
-    for axes, ((_, title, unit, size), members) in zip(
-        np.atleast_1d(figure.subplots(len(panels), 1, sharex=True)), panels, strict=True
-    ):
-        for i in members:
-            name, colour = run.names[i].rpartition(".")[2], _colour(run.names[i])
-            sigma = run.sigmas[some, i] / size
-            if not known:
-                axes.semilogy(time[some], sigma, color=colour, lw=1.4, ls=_LINES.get(name, "-"), label=name)
-                continue
-            value = run.values[some, i] / size
-            axes.plot(time[some], value, color=colour, lw=1.2, label=name)
-            axes.fill_between(
-                time[some], value - _SIGMAS * sigma, value + _SIGMAS * sigma, color=colour, alpha=0.15, lw=0
-            )
-            if run.smoothed is not None:
-                axes.plot(time[some], run.smoothed[some, i] / size, color=colour, lw=1.0, ls="--")
-        if known:
-            _focus(axes, run, members, size)
-        else:
-            _decade(axes)
+    _, label = _clock(run)
+    every = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True))
+    for axes, ((_, title, unit, size), members) in zip(every, panels, strict=True):
+        said = _estimates(axes, run, members, size) if known else _deviations(axes, run, members, size)
         axes.set_ylabel(f"[{unit}]" if known else f"1 σ [{unit}]")
         axes.set_title(title + said, fontsize=10, loc="left")
         _legend(axes)
         _clean(axes)
-    axes.set_xlabel(label)
+    every[-1].set_xlabel(label)
     return figure
+
+
+def _deviations(axes: Any, run: Run, members: Sequence[int], size: float) -> str:
+    """Curves of the standard deviations; returns what the title adds."""
+    time, some = _clock(run)[0], _thin(run.time.size)
+    for i in members:
+        name = run.names[i].rpartition(".")[2]
+        style = _LINES.get(name, "-")
+        axes.semilogy(time[some], run.sigmas[some, i] / size, color=_colour(name), lw=1.4, ls=style, label=name)
+    _decade(axes)
+    return ", standard deviation"
+
+
+def _estimates(axes: Any, run: Run, members: Sequence[int], size: float) -> str:
+    """Curves with their bands; returns what the title adds."""
+    time, some = _clock(run)[0], _thin(run.time.size)
+    last, first = run.values[-1, members] / size, run.sigmas[0, members] / size
+    apart = bool(np.ptp(last) > 20.0 * first.max())  # a long lever arm: then only what was found of it is in sight
+    zero = last if apart else np.zeros_like(last)
+    for i, base in zip(members, zero, strict=True):
+        name = run.names[i].rpartition(".")[2]
+        colour, label = _colour(name), f"{name} - {base:.4g}".replace("- -", "+ ") if apart else name
+        value, reach = run.values[some, i] / size - base, _SIGMAS * run.sigmas[some, i] / size
+        axes.plot(time[some], value, color=colour, lw=1.2, label=label)
+        axes.fill_between(time[some], value - reach, value + reach, color=colour, alpha=0.15, lw=0)
+        if run.smoothed is not None:
+            axes.plot(time[some], run.smoothed[some, i] / size - base, color=colour, lw=1.0, ls="--")
+    _focus(axes, run.values[:, members] / size - zero, run.sigmas[:, members] / size)
+    return ", bands of 3 σ" + ", smoothed dashed" * (run.smoothed is not None)
 
 
 def _legend(axes: Any) -> None:
@@ -121,9 +131,8 @@ def _decade(axes: Any) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def _focus(axes: Any, run: Run, members: Sequence[int], size: float) -> None:
+def _focus(axes: Any, values: Array, sigmas: Array) -> None:
     """Show the whole way of the estimates, and of the first bands as much as leaves the last ones visible."""
-    values, sigmas = run.values[:, members] / size, run.sigmas[:, members] / size
     reach = np.maximum(_SIGMAS * sigmas[-1], 0.3 * _SIGMAS * sigmas[0])
     low = min(float(np.nanmin(values)), float((values[-1] - reach).min()))
     high = max(float(np.nanmax(values)), float((values[-1] + reach).max()))
@@ -191,7 +200,7 @@ def _squares(axes: Any, time: Array, nis: Array, rows: int, out: Any) -> None:
 
 
 def observability_figure(run: Run) -> Figure:
-    """How far the standard deviation of each parameter fell, and the singular values of the Gramian.
+    """How far the standard deviation of each parameter fell, and the singular values of the Gramian over time.
 
     Parameters
     ----------
@@ -221,11 +230,12 @@ def observability_figure(run: Run) -> Figure:
     left.set_ylabel("standard deviation over the initial one")
     figure.legend(fontsize=8, ncols=6, frameon=False, loc="outside lower center")
     left.set_title("what the data took away", fontsize=10, loc="left")
-    gains = np.sqrt(np.maximum(run.observability.gains, 1e-12))
-    right.axhspan(1e-6, 1.0, color="#f6e6dc", zorder=0)
-    right.semilogy(np.arange(1, len(gains) + 1), np.maximum(gains, 1e-3), "o-", color=BLUE, ms=4, lw=0.8)
-    right.set_ylim(5e-4, 3.0 * max(1.0, float(gains.max())))
-    right.set_xlabel("direction, from the best seen to the least")
+    seen = run.observability
+    values = np.sqrt(np.maximum(seen.over_time, _LEAST**2))
+    right.axhspan(0.1 * _LEAST, 1.0, color="#f6e6dc", zorder=0)
+    right.semilogy(seen.times + clock[0] - run.time[0], values, color=BLUE, lw=1.0)
+    right.set_ylim(_LEAST, 3.0 * max(1.0, float(np.max(values, initial=1.0))))
+    right.set_xlabel(label)
     right.set_title("singular values (shaded: not observed)", fontsize=10, loc="left")
     for axes in (left, right):
         _clean(axes)
