@@ -37,6 +37,11 @@ def waves(rng: np.random.Generator, low: float, high: float, rms: float, count: 
     return Wave(w, rng.normal(0, rms * np.sqrt(2 / count), (count, 3)), rng.uniform(0, 2 * np.pi, (count, 3)))
 
 
+def together(*parts: Wave) -> Wave:
+    """Several waves at once."""
+    return Wave(*(np.concatenate([getattr(p, n) for p in parts]) for n in ("w", "a", "p")))
+
+
 STILL = Wave(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))
 
 
@@ -44,8 +49,8 @@ STILL = Wave(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))
 class Unit:
     """A unit on its place.
 
-    `angles` are heading, pitch, roll about which `sway` goes (rad), `heave` is the displacement (m, east, north, up), `turn` a turn
-    in heading: (start, stop, angle) with a smooth rate.
+    `angles` are heading, pitch, roll about which `sway` goes (rad), `heave` is the displacement (m, east, north, up), `turn` a
+    turn in heading: (start, stop, angle) with a smooth rate.
     """
 
     place: Place = field(default_factory=lambda: place_of(34.246 * DEGREE, 108.9 * DEGREE, 380.0))
@@ -80,7 +85,11 @@ class Unit:
         body = body - da[..., 0, None] * up
         w = self.place.rate
         body = body + np.einsum("...ij,i->...j", C, w)
-        f = self.heave(t, 2) + 2 * np.cross(w, self.heave(t, 1)) + np.stack([zero, zero, zero + self.place.gravity], axis=-1)
+        f = (
+            self.heave(t, 2)
+            + 2 * np.cross(w, self.heave(t, 1))
+            + np.stack([zero, zero, zero + self.place.gravity], axis=-1)
+        )
         return np.einsum("...ij,...i->...j", C, f), body
 
     def increments(self, duration: float, frequency: float, start: float = 0.0) -> Piece:

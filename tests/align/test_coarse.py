@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from swaying_case import DEGREE, HOUR, UG, Unit, phi_of, waves
 
 from sagnac.align.coarse import gyrocompass, inertial
 from sagnac.align.static_model import collect, to_enu_of_inertial
 from sagnac.earth import EARTH_RATE, earth_rate_enu, normal_gravity
 from sagnac.errors import DataError, InputError
 from sagnac.frames import attitude_matrix, rotation_matrix
-from swaying_case import DEGREE, HOUR, UG, Unit, phi_of, waves
 
 
 def at_rest(latitude, C_b_n):
@@ -95,7 +95,8 @@ def test_inertial_finds_any_attitude_at_rest(angles):
 def test_inertial_bears_sway_that_the_means_do_not():
     """Sway of 0.1 deg and some millimetres at 0.3 to 3 Hz over three minutes.
 
-    The velocity of the sway, some 4 cm/s, over g T = 1766 m/s is 0.08' of level, and over g w_e cos L T^2 / 2 = 9.5 m/s 14' of azimuth.
+    The velocity of the sway, some 4 cm/s, over g T = 1766 m/s is 0.08' of level, and over g w_e cos L T^2 / 2 = 9.5 m/s it is
+    14' of azimuth.
     """
     rng = np.random.default_rng(7)
     unit = Unit(sway=waves(rng, 0.3, 3, 2e-3), heave=waves(rng, 0.3, 3, 3e-3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.integrate import quad_vec
 from scipy.linalg import expm
 from scipy.sparse import csr_array
 from scipy.stats import multivariate_normal
+from swaying_case import DEGREE, HOUR, UG, Unit, phi_of, spoilt, waves
 
 from sagnac.align import static_noise as noises
 from sagnac.align.coarse import inertial
@@ -19,7 +21,6 @@ from sagnac.align.static_noise import Noise
 from sagnac.errors import DataError
 from sagnac.frames import rotation_matrix, skew
 from sagnac.navigate.stream import Piece
-from swaying_case import DEGREE, HOUR, UG, Unit, phi_of, spoilt, waves
 
 EPS, NAB = np.full(3, 0.01 * HOUR), np.full(3, 50 * UG)
 NOISE = Noise(1e-3, 1e-4, 2e-3, 3e-4, 10 * UG, 0.002 * DEGREE / 60)
@@ -74,11 +75,23 @@ def test_pieces_may_be_cut_anywhere():
     whole = collect([piece])
     cuts = [0, 1, 777, 778, 1999, piece.time.size]
     parts = []
-    for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+    for a, b in pairwise(cuts):
         begin = piece.begin if a == 0 else piece.time[a - 1]
         parts.append(Piece(begin, *(getattr(piece, n)[a:b] for n in ("time", "steps", "turns", "pushes"))))
     other = collect(parts)
-    for name in ("end", "length", "place", "gyro", "accel", "speed", "speed_gyro", "turned", "C_b_s", "rate", "body_force"):
+    for name in (
+        "end",
+        "length",
+        "place",
+        "gyro",
+        "accel",
+        "speed",
+        "speed_gyro",
+        "turned",
+        "C_b_s",
+        "rate",
+        "body_force",
+    ):
         first, second = getattr(whole, name), getattr(other, name)
         assert np.allclose(first, second, rtol=1e-9, atol=1e-12), name
 
@@ -115,11 +128,15 @@ def test_biases_act_as_the_sums_say(turn):
             if which == "eps":
                 # readings that are too large make the computed place too small: H is what is added
                 assert np.allclose(-moved["place"], clean.gyro[..., k], rtol=2e-4, atol=1e-3 * np.abs(clean.gyro).max())
-                assert np.allclose(-moved["speed"], clean.speed_gyro[..., k], rtol=2e-4, atol=1e-3 * np.abs(clean.speed_gyro).max())
+                assert np.allclose(
+                    -moved["speed"], clean.speed_gyro[..., k], rtol=2e-4, atol=1e-3 * np.abs(clean.speed_gyro).max()
+                )
                 off = phi_of(sides[0].C_b_s[-1], sides[1].C_b_s[-1]) / (2 * size)
                 assert np.allclose(-off, clean.turned[-1][:, k], rtol=1e-4, atol=1e-4 * clean.end[-1])
             else:
-                assert np.allclose(moved["place"], clean.accel[..., k], rtol=1e-6, atol=1e-6 * np.abs(clean.accel).max())
+                assert np.allclose(
+                    moved["place"], clean.accel[..., k], rtol=1e-6, atol=1e-6 * np.abs(clean.accel).max()
+                )
                 assert np.allclose(moved["speed"], clean.turned[..., k], rtol=1e-6, atol=1e-6 * clean.end[-1])
 
 
@@ -140,7 +157,7 @@ def test_rows_are_the_derivative_of_the_place():
 
 def test_windows_hold_back_sway():
     """Of a cosine of 2 Hz less than the square of what the mean over the step lets through, plus the blocks' own raggedness."""
-    unit, piece = swaying(duration=120)
+    _, piece = swaying(duration=120)
     blocks = collect([piece])
     W = windows(blocks)
     assert np.allclose(W.sum(axis=1), 1)
@@ -215,22 +232,25 @@ def test_likelihood_against_the_density():
         return -multivariate_normal(np.zeros(36), cov + (J * sigma2) @ J.T).logpdf(z)
 
     other = replace(noise, walk=0.3, accel=0.01, gyro=0.004, sway_up=0.4)
-    differences = [f(other) - f(noise) for f in (
-        minus_log, lambda n: noises.minus_log_likelihood(n, kernel, 9.8, table, prior)
-    )]
+    differences = [
+        f(other) - f(noise) for f in (minus_log, lambda n: noises.minus_log_likelihood(n, kernel, 9.8, table, prior))
+    ]
     assert differences[0] == pytest.approx(differences[1], abs=1e-3)
 
 
 def test_noise_that_is_no_covariance_is_infinitely_unlikely():
     noise, kernel, table, prior = small_problem()
-    assert noises.minus_log_likelihood(replace(noise, sway=0.0, walk=0.0, accel=0.0, gyro=0.0), kernel, 9.8, table, prior) == np.inf
+    assert (
+        noises.minus_log_likelihood(replace(noise, sway=0.0, walk=0.0, accel=0.0, gyro=0.0), kernel, 9.8, table, prior)
+        == np.inf
+    )
 
 
 # ----------------------------------------------------------------------------------------------------------- the fit
 
 
 def filter_twin(unit, blocks, noise, window_sway):
-    """A Kalman filter over all blocks with tilt, velocity, place and biases: covariance at the end, (12, 12) as Solution has it."""
+    """A Kalman filter over all blocks with tilt, velocity, place and biases: covariance at the end, as Solution has it."""
     g, w = unit.place.gravity, unit.place.rate
     stop, middle = blocks.end[-1], blocks.end[-1] / 2
     P = np.diag([1.0] * 3 + [1e2] * 3 + [1e2] * 3 + [*EPS**2] + [*NAB**2])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pyarrow as pa
@@ -22,8 +23,10 @@ ARCSEC = np.pi / 648000
 def whole(stream):
     """All pieces together: begin, time, steps, turns, pushes."""
     pieces = list(stream)
-    assert all(a.time[-1] == b.begin for a, b in zip(pieces[:-1], pieces[1:], strict=True))
-    return pieces[0].begin, *(np.concatenate([getattr(p, n) for p in pieces]) for n in ("time", "steps", "turns", "pushes"))
+    assert all(a.time[-1] == b.begin for a, b in pairwise(pieces))
+    return pieces[0].begin, *(
+        np.concatenate([getattr(p, n) for p in pieces]) for n in ("time", "steps", "turns", "pushes")
+    )
 
 
 def in_pieces(recording, cuts):
@@ -32,7 +35,7 @@ def in_pieces(recording, cuts):
     edges = [0, *cuts, batch.time.size]
 
     def stream(_):
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in pairwise(edges):
             yield Batch(a + 1, batch.time[a:b], batch.accel[a:b], batch.gyro[a:b])
 
     return replace(recording, _stream=stream)
@@ -177,10 +180,9 @@ def test_pulses_after_a_gap_count_as_they_are(tmp_path):
 
 
 def test_long_gap_is_refused_all_the_same():
+    batch = smooth(3000).read()
+    keep = np.r_[0:500, 1700:3000]
     with pytest.raises(DataError, match="too long to be bridged"):
-        recording = smooth(3000)
-        batch = recording.read()
-        keep = np.r_[0:500, 1700:3000]
         list(Stream(from_arrays(batch.time[keep], batch.accel[keep], batch.gyro[keep]), bridge=True))
 
 

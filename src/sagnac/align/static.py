@@ -111,8 +111,8 @@ def align(
     InputError
         When columns are missing or something given is out of sense.
     DataError
-        When these are not samples of a unit that stays at this place: it moves, signs, units or latitude are wrong; or at a gap, for
-        how the unit sways in it is not known.
+        When these are not samples of a unit that stays at this place: it moves, signs, units or latitude are wrong; or at a
+        gap, for how the unit sways in it is not known.
     """
     eps, nab = (
         _sizes(v, what) for v, what in ((_or(gyro_bias, GYRO_BIAS), "gyro"), (_or(accel_bias, ACCEL_BIAS), "accel"))
@@ -125,7 +125,7 @@ def align(
     checks.refuse_poor_gyros(place, eps, recording.name)
     stream = Stream(recording, meaning=meaning, start=start, stop=stop)
     blocks = collect(stream)
-    _refuse_early(joined(blocks, _COARSE), place, eps, nab, upside_down, recording.name)
+    _refuse_early(blocks, place, eps, nab, upside_down, recording.name)
     remarks = report.opening(gyro_bias is None, accel_bias is None)
     if method == "gyrocompass":
         return report.of_means(recording, joined(blocks, _COARSE), place, eps, nab, remarks)
@@ -133,7 +133,8 @@ def align(
     prior = loose(place, C, eps, nab)
     data = Data.of(blocks, place)
     seen = look(data, C, prior)
-    checks.refuse_travel(blocks.start + data.middle, seen, recording.name)
+    checks.refuse_other_axes(data, prior, seen, recording.name)
+    checks.refuse_travel(joined(blocks, _COARSE), blocks.start + data.middle, seen, recording.name)
     table = rows(data, seen.C)
     noise = found_noise(data.middle, data.kernel, table, prior, place.gravity, gyro=gyro_noise, accel=accel_noise)
     seen = look(data, seen.C, prior, noise)
@@ -146,7 +147,6 @@ def align(
 def _refuse_early(blocks: Blocks, place: Place, eps: Array, nab: Array, upside_down: bool, name: str) -> None:
     """What can be said before anything is fitted."""
     checks.refuse_strange_force(blocks, place, nab, name)
-    checks.refuse_other_turns(blocks, name)
     checks.refuse_strange_rate(blocks, place, eps, name)
     if not upside_down:
         checks.refuse_upside_down(blocks, place, name)

@@ -13,8 +13,9 @@ import numpy as np
 
 from ..errors import DataError
 from ..frames import Array, cross, rotation_vector
-from .static_fit import Look, Place
-from .static_model import Blocks
+from .coarse import inertial
+from .static_fit import Data, Look, Place, look
+from .static_model import Blocks, read_otherwise
 
 _FAR = 5.0  # standard uncertainties
 _SIZE = 0.02  # error of the specific force that no usable accelerometer has
@@ -22,7 +23,8 @@ _NEAR = 0.2  # share by which a ratio may miss that of two units
 _SPEED, _REACH = 0.5, 5.0  # m/s and m: what nobody calls standing or moored
 _EXPLAINED = 0.3  # share of the changes that turns must explain to say anything
 _PARTS = 6
-_WORSE = 2.0  # times the misfit of another reading: with some sixty blocks, no chance
+_QUIET, _LITTLE, _WORSE = 0.02, 0.1, 3.0
+"""Displacement that is nothing to wonder at, m; that another reading of the axes may leave, m; and how many times less."""
 _HEADING = math.radians(5.0)
 _AXES = ("x", "y", "z")
 _ENU = ("east", "north", "the vertical")
@@ -70,8 +72,8 @@ def _unit_of(ratio: float, table: tuple[tuple[float, str], ...], near: float = _
     return ""
 
 
-def mean_rate(time: Array, angles: Iterable[Array]) -> tuple[Array, float]:
-    """Slope of angles that sway, part by part, and its standard uncertainty per axis.
+def mean_rate(time: Array, angles: Iterable[Array]) -> tuple[Array, Array]:
+    """Slope of angles that sway, part by part, and its covariance.
 
     A straight line through angles that come back again and again is much steadier than the mean of the rates. Parts that are far
     from the others (people move about, the unit is turned on its place) are left out; how the rest scatters is the uncertainty.
@@ -85,7 +87,7 @@ def mean_rate(time: Array, angles: Iterable[Array]) -> tuple[Array, float]:
     Returns
     -------
     rate : ndarray, shape (3,), rad/s
-    sigma : float, rad/s
+    covariance : ndarray, shape (3, 3), rad^2/s^2
     """
     slopes, at = [], 0
     for part in angles:
@@ -96,7 +98,7 @@ def mean_rate(time: Array, angles: Iterable[Array]) -> tuple[Array, float]:
     found = np.array(slopes)
     off = np.linalg.norm(found - np.median(found, axis=0), axis=1)
     found = found[off <= 6.0 * np.median(off)]
-    return found.mean(axis=0), float(np.sqrt(found.var(axis=0, ddof=1).mean() / len(found)))
+    return found.mean(axis=0), np.cov(found.T) / len(found)
 
 
 def _body_angles(blocks: Blocks) -> list[Array]:
@@ -122,21 +124,23 @@ def refuse_strange_rate(blocks: Blocks, place: Place, gyro_bias: Array, name: st
         With the unit, the sign or the latitude that is likely wrong.
     """
     bias = float(np.linalg.norm(gyro_bias))
-    rate, sigma = mean_rate(blocks.end, _body_angles(blocks))
-    size, allowed = float(np.linalg.norm(rate)), _FAR * (sigma + bias)
+    rate, covariance = mean_rate(blocks.end, _body_angles(blocks))
+    size, allowed = float(np.linalg.norm(rate)), _FAR * (math.sqrt(np.trace(covariance)) + bias)
     if not 0.5 < size / place.earth_rate < 2.0 and abs(size - place.earth_rate) > allowed:
         _refuse_size(size, place, allowed, name)
-    rate, sigma = mean_rate(blocks.end, _inertial_angles(blocks))
-    allowed = _FAR * (sigma + bias)
+    rate, covariance = mean_rate(blocks.end, _inertial_angles(blocks))
     up = blocks.speed[-1] / np.linalg.norm(blocks.speed[-1])
+    allowed = _FAR * (math.sqrt(up @ covariance @ up) + bias)
     vertical, wanted = float(up @ rate), float(place.rate[2])
     if abs(vertical - wanted) > allowed:
+        if abs(vertical) > place.earth_rate + allowed:
+            _refuse_size(max(size, abs(vertical)), place, allowed, name)
         _refuse_vertical(vertical, wanted, allowed, float(blocks.body_force[:, 2].mean()) / place.gravity, place, name)
 
 
 def _refuse_size(size: float, place: Place, allowed: float, name: str) -> None:
     ratio = size / place.earth_rate
-    words = _unit_of(ratio, _RATE_UNITS) if size > 0 else "the gyros say nothing at all"
+    words = _unit_of(ratio, _RATE_UNITS, 2.0 * _NEAR) if size > 0 else "the gyros say nothing at all"
     if not words:
         words = (
             "the unit turned or moved off, or its gyros have a larger bias than stated (--gyro-bias)"
@@ -191,58 +195,80 @@ def _per_hour(rate: float) -> str:
     return f"{math.degrees(rate) * 3600:.4g} deg/h"
 
 
-def refuse_other_turns(blocks: Blocks, name: str) -> None:
-    """Refuse gyros whose axes or unit are not those that the accelerometers tell of, as far as the unit sways.
+def refuse_other_axes(data: Data, prior: Array, seen: Look, name: str) -> None:
+    """Refuse gyros whose axes are not those of the accelerometers, as far as the unit tilts.
 
-    When the body turns, the specific force turns in it, ``df/dt = -w x f``. The changes of the blocks' means are held against
-    rates of any size, and against all ways to exchange and reverse the gyros' axes. What the unit does besides, shaking and
-    driving, is noise here: only what explains the changes much better counts.
+    A tilt that the gyros tell otherwise than the accelerometers becomes a displacement that grows with the square of the time.
+    When the unit is displaced by more than people in a vehicle do it, all ways to exchange and reverse the gyros' axes are tried.
 
     Raises
     ------
     DataError
-        With the way that fits, when the given one does not.
+        With the way that leaves far less.
+    """
+    given = _displaced(seen)
+    if given < _QUIET:
+        return
+    found: tuple[float, str] = (given, "")
+    for axes, sign in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        reading = np.diag(sign) @ np.eye(3)[list(axes)]
+        other = data.read_otherwise(read_otherwise(data.blocks, reading))
+        C = inertial(other.blocks, data.site.latitude, earth_rate=data.site.earth_rate)
+        left = _displaced(look(other, C, prior))
+        if left < found[0]:
+            words = (f"{x} = {'-' * (g < 0)}gyro_{_AXES[a]}" for x, a, g in zip(_AXES, axes, sign, strict=True))
+            found = left, ", ".join(words)
+    if found[0] < min(_LITTLE, given / _WORSE):
+        raise DataError(
+            f"{name}: when the unit tilts, gyros and accelerometers do not tell of the same turns: it would have been displaced "
+            f"by {given:.2g} m. With {found[1]} it would be {found[0]:.2g} m: the axes of one of them are exchanged or reversed"
+        )
+
+
+def _displaced(seen: Look) -> float:
+    """Horizontal displacement that is left over, rms, m."""
+    return float(np.sqrt((seen.place[:, :2] ** 2).sum(axis=1).mean()))
+
+
+def _refuse_strange_turns(blocks: Blocks, name: str) -> None:
+    """Refuse gyros in another unit, as the accelerometers tell it of a unit that sways: ``df/dt = -w x f``.
+
+    A unit high above the axis that it rolls about feels its own acceleration too, so that this is asked only of samples
+    that nothing explains.
     """
     f = blocks.body_force
     turned = 0.5 * blocks.body_rate * blocks.length[:, None]
-    turned = turned[1:] + turned[:-1]
-    change, here = np.diff(f, axis=0), 0.5 * (f[1:] + f[:-1])
-    total = float((change**2).sum())
-    expected = -cross(turned, here)
-    size = float((expected**2).sum())
-    share = float((change * expected).sum())
-    if size > 0.0 and share > 0.0 and share**2 / size > _EXPLAINED * total:
+    change, expected = np.diff(f, axis=0), cross(0.5 * (f[1:] + f[:-1]), turned[1:] + turned[:-1])
+    size, share = float((expected**2).sum()), float((change * expected).sum())
+    if size > 0.0 and share > 0.0 and share**2 / size > _EXPLAINED * float((change**2).sum()):
         words = _unit_of(size / share, _RATE_UNITS, 2.0 * _NEAR)
         if words:
             raise DataError(
                 f"{name}: the gyros read {size / share:.3g} times the turns that tilt the accelerometers: {words}"
             )
-    given, least = float(((change - expected) ** 2).sum()), total
-    best = ""
-    for axes, sign in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        misfit = float(((change + cross(turned[:, axes] * np.array(sign), here)) ** 2).sum())
-        if misfit < least:
-            least = misfit
-            best = ", ".join(f"{x} = {'-' * (g < 0)}gyro_{_AXES[a]}" for x, a, g in zip(_AXES, axes, sign, strict=True))
-    if given > _WORSE * least and least < (1.0 - _EXPLAINED) * total:
-        raise DataError(
-            f"{name}: when the unit sways, gyros and accelerometers do not tell of the same turns. They would with {best}: the "
-            f"axes of one of them are exchanged or reversed"
-        )
 
 
-def refuse_travel(time: Array, seen: Look, name: str) -> None:
-    """Refuse a unit that did not stay at its place; `time` is that of the windows, shape (m,), s.
+def refuse_travel(blocks: Blocks, time: Array, seen: Look, name: str) -> None:
+    """Refuse a unit that did not stay at its place, or whose sensors do not speak of the same place.
+
+    Parameters
+    ----------
+    blocks : Blocks
+    time : ndarray, shape (m,), s
+        Middles of the windows of `seen`.
+    seen : Look
+    name : str
 
     Raises
     ------
     DataError
-        With when and how fast.
+        With a unit of the gyros that would explain it, or else with when and how fast it went.
     """
     level = seen.place[:, :2]
     speed = np.linalg.norm(np.diff(level, axis=0), axis=1) / np.diff(time)
     reach = float(np.ptp(level, axis=0).max())
     if speed.max() > _SPEED or reach > _REACH:
+        _refuse_strange_turns(blocks, name)
         k = int(np.argmax(speed))
         raise DataError(
             f"{name}: the unit did not stay at its place: it seems to go over {reach:.2g} m, up to {speed[k]:.2g} m/s about "

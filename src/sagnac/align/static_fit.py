@@ -12,7 +12,7 @@ know part of it: it is predicted from them by its covariance with them (Goldberg
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -93,6 +93,8 @@ class Data:
     ----------
     blocks : Blocks
     site : Place
+    weights : sparse array, shape (m, n)
+        See :func:`windows`.
     middle : ndarray, shape (m,), s
         Middles of the windows from the start.
     place, gyro, accel : ndarray, shape (m, 3) and (m, 3, 3)
@@ -105,6 +107,7 @@ class Data:
 
     blocks: Blocks
     site: Place
+    weights: Any
     middle: Array
     place: Array
     gyro: Array
@@ -120,19 +123,28 @@ class Data:
         direction, _, fallen = upward(blocks.middle, 0.5 * stop, site.rate)
         fallen += direction * (blocks.length**2 / 24.0)[:, None]  # from the middle to the mean
         W = windows(blocks)
-        flat = (v.reshape(blocks.end.size, -1) for v in (blocks.place, blocks.gyro, blocks.accel))
-        place, gyro, accel = (W @ v for v in flat)
         return cls(
             blocks,
             site,
+            W,
             W @ blocks.middle,
-            place,
-            gyro.reshape(-1, 3, 3),
-            accel.reshape(-1, 3, 3),
+            *_in_windows(W, blocks),
             W @ fallen,
             kernels(blocks.middle, blocks.length, W),
             at_the_end(blocks.middle, stop, W),
         )
+
+    def read_otherwise(self, blocks: Blocks) -> Data:
+        """The same times with other blocks."""
+        place, gyro, accel = _in_windows(self.weights, blocks)
+        return replace(self, blocks=blocks, place=place, gyro=gyro, accel=accel)
+
+
+def _in_windows(weights: Any, blocks: Blocks) -> tuple[Array, Array, Array]:
+    """Place (m, 3) and its derivatives (m, 3, 3) in windows."""
+    flat = (weights @ v.reshape(blocks.end.size, -1) for v in (blocks.place, blocks.gyro, blocks.accel))
+    place, gyro, accel = flat
+    return place, gyro.reshape(-1, 3, 3), accel.reshape(-1, 3, 3)
 
 
 def windows(blocks: Blocks) -> Any:

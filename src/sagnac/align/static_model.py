@@ -23,7 +23,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ..errors import DataError
-from ..frames import Array, cross, rotation_matrix, skew
+from ..frames import Array, cross, rotation_matrix, rotation_vector, skew
 from ..kernels.attitude import compose
 from ..navigate.stream import Piece
 
@@ -191,6 +191,26 @@ def collect(pieces: Iterable[Piece]) -> Blocks:
     return _grouped(
         float(start), np.concatenate(sums.number), {n: np.concatenate(r) for n, r in sums.rows.items()}, _MOST
     )
+
+
+def read_otherwise(blocks: Blocks, gyro: Array) -> Blocks:
+    """The same blocks with gyros whose axes are others.
+
+    Parameters
+    ----------
+    blocks : Blocks
+    gyro : ndarray, shape (3, 3)
+        Takes rates as they were read to those of the other reading.
+
+    Returns
+    -------
+    Blocks
+        Put together from the blocks' rotations and mean forces: good to a centimetre or so.
+    """
+    before = np.concatenate([np.eye(3)[None], blocks.C_b_s[:-1]])
+    turns = rotation_vector(np.swapaxes(before, -1, -2) @ blocks.C_b_s) @ gyro.T
+    begin = blocks.start
+    return collect([Piece(begin, begin + blocks.end, blocks.length, turns, blocks.body_force * blocks.length[:, None])])
 
 
 def joined(blocks: Blocks, most: int) -> Blocks:

@@ -31,7 +31,7 @@ _LEAST = 1e-4
 _SHARES = ((0.25, 0.25, 0.25, 0.25), (0.9, 0.05, 0.04, 0.01), (0.01, 0.04, 0.9, 0.05), (0.01, 0.04, 0.05, 0.9))
 """What sway, slow displacement, accelerometers and gyros explain of the scatter, where the search for their sizes starts."""
 _ROUNDING = 1e-13
-"""Of the greatest variance, added to all: smooth noise of large size has covariances that rounding leaves not positive definite."""
+"""Of the greatest variance, added to all: rounding leaves covariances of large smooth noise not positive definite."""
 _SIZES, _NARROWER, _UNLIKELY = 24, 12, 1e-4
 
 

@@ -8,7 +8,7 @@ seven minutes), so that the height is held unless told otherwise.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -137,7 +137,7 @@ def navigate(
     recording : Recording
         With both triads. It is streamed: memory does not grow with its length.
     start : State
-        At `begin`.
+        At `begin`. Its vertical velocity is of no matter when the height is held.
     out : path
         Track to write, ``.parquet`` or ``.csv``, with :data:`COLUMNS`. Written whole or not at all.
     begin, stop : float, s, optional
@@ -174,6 +174,8 @@ def navigate(
     if not interval > 0.0:
         raise InputError(f"an interval of {interval!r} s between rows is none")
     stream = Stream(recording, meaning=meaning, start=begin, stop=stop, bridge=bridge)
+    if vertical == "held":
+        start = replace(start, velocity=start.velocity * [1.0, 1.0, 0.0])
     navigator = Navigator(
         start, samples=samples, frame=frame, vertical=vertical, gravity_excess=gravity_excess, earth_rate=earth_rate
     )

@@ -21,7 +21,8 @@ from .strapdown import Meaning, increments
 LONGEST_GAP = 10.0
 """s: what a unit does in a longer time cannot be guessed from the samples around it, even when one is told to bridge gaps."""
 _AROUND = 1.0  # s of samples on each side whose mean stands for a gap
-_ROWS = 16384  # of a piece at most, so that memory does not depend on the file's batches
+_GROUP = 12  # pieces are whole groups of one to four samples, so that nobody's coning sums break off
+_ROWS = 1365 * _GROUP  # of a piece at most, so that memory does not depend on the file's batches
 _SLACK = 1e-6  # of a sample interval, for times that were rounded when they were written
 
 
@@ -139,7 +140,7 @@ class Stream:
         return Piece(float(begins[cut][0]), piece.time[cut], piece.steps[cut], piece.turns[cut], piece.pushes[cut])
 
     def _raw(self) -> Iterator[Piece]:
-        """All increments; one sample is held back until its neighbour has come, which the integral wants to know."""
+        """All increments; samples are held back until a group is whole and its neighbour has come, which integrals need."""
         time, gyro, accel = np.empty(0), np.empty((0, 3)), np.empty((0, 3))
         done, interval = 0, math.nan
         for batch in self.recording.batches():
@@ -147,11 +148,11 @@ class Stream:
             time, gyro, accel = (np.concatenate(pair) for pair in ((time, batch.time), (gyro, rates), (accel, forces)))
             if math.isnan(interval) and batch.time.size > 1:
                 interval = sample_interval(batch.time)  # the one that pulses were divided by
-            ready = time.size - 2
+            ready = done + (time.size - 2 - done) // _GROUP * _GROUP
             if ready > done:
                 yield self._between_samples(time, gyro, accel, done, ready, interval)
-                keep = max(0, time.size - 3)
-                time, gyro, accel, done = time[keep:], gyro[keep:], accel[keep:], ready - keep
+                keep = ready - 1
+                time, gyro, accel, done = time[keep:], gyro[keep:], accel[keep:], 1
         if time.size > 1:
             yield self._between_samples(time, gyro, accel, done, time.size - 1, interval)
 
@@ -186,7 +187,7 @@ class Stream:
             if not self._bridge:
                 raise DataError(
                     f"{told}: what the unit did in that time is not known. Take the part before or after it "
-                    f"(--from, --to); navigation may fill it with the mean of the samples around it (--bridge-gaps), which is a guess"
+                    f"(--from, --to); navigation may fill it with the mean of the samples around it, a guess (--bridge-gaps)"
                 )
             if span > LONGEST_GAP:
                 raise DataError(f"{told}: {span:.3g} s are too long to be bridged; at most {LONGEST_GAP:g} s are")
