@@ -16,10 +16,10 @@ import numpy as np
 import plain_lanes as plain
 from harmonics import race
 from sagnac.align import config as settings
-from sagnac.align.chain import Chain
 from sagnac.align.filter import Filter, Reference
 from sagnac.align.model import layout_of
 from sagnac.align.monte_carlo import monte_carlo
+from sagnac.align.monte_carlo.chain import Chain
 from sagnac.earth import EARTH_RATE, ELLIPSOID
 from sagnac.frames import attitude_matrix
 from sagnac.kernels import lanes_filter, strapdown

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 from voyages import DEG, voyage
 
-from sagnac.align import master_checks
+from sagnac.align.checks import master as master_checks
 from sagnac.align.master import from_arrays, open_master
 from sagnac.errors import DataError, InputError
 from sagnac.frames import attitude_matrix

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from voyages import DEG, config, voyage
 
-from sagnac.align import run, verdict
+from sagnac.align import run
+from sagnac.align.checks import verdict
 from sagnac.align.transfer import examine
 from sagnac.errors import DataError
 from sagnac.frames import rotation_matrix

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sagnac.align import config as settings
-from sagnac.align.chain import Chain
 from sagnac.align.filter import Filter, Reference
 from sagnac.align.model import layout_of
+from sagnac.align.monte_carlo.chain import Chain
 from sagnac.frames import rotation_matrix, rotation_vector, skew
 from sagnac.kernels.lanes import LANES
 from sagnac.kernels.lanes_chain import turn_covariance

@@ -1,10 +1,10 @@
 """The start of a transfer alignment whose mounting may be tens of degrees: where the linear filter can begin.
 
-The filter of :mod:`sagnac.align.run` is linear in the error of the slave's attitude and good for a few degrees of it. :func:`start` takes the
-first seconds of both systems as one problem (:mod:`sagnac.align.large_model`), which is exact for any angle, and solves it down to the
-maximum of the posterior, from several start values: a left-invariant filter that starts with no mounting, the closed form of
-Wahba's problem, and that one turned about the vertical by half a turn. The filter then runs over the whole recording from its beginning, linearised
-about the mounting found.
+The filter of :mod:`sagnac.align.run` is linear in the error of the slave's attitude and good for a few degrees of it.
+:func:`start` takes the first seconds of both systems as one problem (:mod:`sagnac.align.large_model`), which is exact for any
+angle, and solves it down to the maximum of the posterior (:mod:`sagnac.align.large_fit`) from several start values: a
+left-invariant filter that starts with no mounting, the closed form of Wahba's problem, and that one turned about the vertical by
+half a turn. The filter then runs over the whole recording from its beginning, linearised about the mounting found.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..frames import Array, rot_z, rotation_vector
-from . import large_model
+from . import large_fit
 from .filter import left_jacobian
-from .large_model import Fit, Point, Problem
+from .large_fit import Fit, Point
+from .large_model import Problem, prepare
 from .samples import Slave
 
 if TYPE_CHECKING:
@@ -52,8 +53,8 @@ class Start:
     C_s_m : ndarray, shape (3, 3)
         Slave to master coordinates. The master's attitude at the start times this is the slave's.
     covariance : ndarray, shape (3, 3), rad^2
-        Of the rotation that is left, in the slave's axes: ``C_s_m true = C_s_m exp([xi x])``. For information: what it was made of is
-        used again by the filter, see :func:`equivalent_prior`.
+        Of the rotation that is left, in the slave's axes: ``C_s_m true = C_s_m exp([xi x])``. For information: the filter
+        uses the same readings again, see :func:`equivalent_prior`.
     used : float, s
         Of both systems, from the start.
     converged : bool
@@ -94,9 +95,10 @@ def start(config: Config, slave: Slave, master: Master, *, target: float = TARGE
 
     Takes 4 s of both systems, then 8, 16, ... until the mounting is known to `target` about every axis, or there is no more.
 
-    The caller runs its filter over the whole recording from the same sample of the master on, linearised about this mounting, and gives it
-    *not* this covariance but the configuration's prior, which is centred at no mounting, as :func:`equivalent_prior` writes it around the
-    new point: every reading then counts once, and the filter ends where it would have ended had it been started close to the truth.
+    The caller runs its filter over the whole recording from the same sample of the master on, linearised about this mounting,
+    and gives it *not* this covariance but the configuration's prior, which is centred at no mounting, as
+    :func:`equivalent_prior` writes it around the new point: every reading then counts once, and the filter ends where it would
+    have ended had it been started close to the truth. Where `close` is false a linear filter is not to be trusted from here.
 
     Parameters
     ----------
@@ -131,9 +133,9 @@ def start(config: Config, slave: Slave, master: Master, *, target: float = TARGE
         if count < 3 and not last:
             continue
         reach = _within(slave, float(stamps[0]), float(stamps[count]))
-        problem = large_model.prepare(config, reach, master, chosen[: count + 1])
-        if not last and _largest(large_model.descend(problem, large_model.by_vectors(problem)).covariance) > target:
-            continue  # Gauss-Newton is never less certain than the posterior
+        problem = prepare(config, reach, master, chosen[: count + 1])
+        if not last and _largest(large_fit.descend(problem, large_fit.by_vectors(problem)).covariance) > target:
+            continue
         fits = minima(problem)
         if _largest(fits[0].covariance) <= target and _sound(problem, fits):
             break
@@ -143,7 +145,7 @@ def start(config: Config, slave: Slave, master: Master, *, target: float = TARGE
         best.covariance,
         float(problem.time[-1] - problem.time[0]),
         _sound(problem, fits),
-        _largest(best.covariance) <= target,
+        bool(_largest(best.covariance) <= target),
         misfit(problem, best),
         best.point.gyro,
         best.point.accel,
@@ -154,10 +156,10 @@ def start(config: Config, slave: Slave, master: Master, *, target: float = TARGE
 def equivalent_prior(C_s_m: Array, sigma: ArrayLike) -> tuple[Array, Array]:
     """What the prior of a mounting says about the rotation that is left after another one has been taken out.
 
-    The prior is on the rotation vector mu of the whole mounting, ``N(0, sigma^2)``. With ``exp(mu) = C_s_m exp(xi)`` it is to first
-    order in xi ``mu = m + Jr(m)^-1 xi``, m the rotation vector of `C_s_m`, and therefore xi has mean ``-m`` (``Jr(m) m = m``) and covariance
-    ``Jr sigma^2 Jr'``. This is the prior at the point that the filter ends near. Its mean is large and must stay in the
-    filter's state until the readings have moved it; fed back at once it would undo the start.
+    The prior is on the rotation vector mu of the whole mounting, ``N(0, sigma^2)``. With ``exp(mu) = C_s_m exp(xi)`` it is to
+    first order in xi ``mu = m + Jr(m)^-1 xi``, m the rotation vector of `C_s_m`, and therefore xi has mean ``-m``
+    (``Jr(m) m = m``) and covariance ``Jr sigma^2 Jr'``. This is the prior at the point that the filter ends near. Its mean is
+    large and must stay in the filter's state until the readings have moved it; fed back at once it would undo the start.
 
     Parameters
     ----------
@@ -183,18 +185,17 @@ def minima(problem: Problem) -> list[Fit]:
     ----------
     problem : Problem
     """
-    vectors = large_model.by_vectors(problem)
+    vectors = large_fit.by_vectors(problem)
     turned = rot_z(np.pi) @ vectors.attitude
     mounting = problem.master.T @ turned
     starts = [
-        large_model.by_filter(problem),
+        large_fit.by_filter(problem),
         vectors,
         Point(turned, vectors.velocity, vectors.gyro, vectors.accel, mounting),
     ]
-    fits = [large_model.descend(problem, point) for point in starts]
+    fits = [large_fit.descend(problem, point) for point in starts]
     least = min(fit.cost for fit in fits)
-    fits = [fit for fit in fits if fit.cost < least + _HOPELESS]
-    return _different(large_model.finish(problem, fit) for fit in _different(fits))
+    return _different(fit for fit in fits if fit.cost < least + _HOPELESS)
 
 
 def _different(fits: Iterable[Fit]) -> list[Fit]:
@@ -219,7 +220,7 @@ def _apart(one: Fit, other: Fit) -> bool:
 
 def _shares(fits: list[Fit]) -> Array:
     """Share of the posterior about each minimum (Laplace)."""
-    weight = np.exp([fit.evidence - fits[0].evidence for fit in fits])
+    weight = np.exp(np.minimum([fit.evidence - fits[0].evidence for fit in fits], 50.0))
     return np.asarray(weight / weight.sum())
 
 
@@ -281,8 +282,8 @@ def _notes(problem: Problem, fits: list[Fit], target: float, velocity: Array) ->
             apart = np.degrees(np.linalg.norm(rotation_vector(best.point.mounting.T @ fit.point.mounting)))
             angles = ", ".join(f"{a:.3g}" for a in np.degrees(rotation_vector(fit.point.mounting)))
             out.append(
-                f"another mounting, rotation vector ({angles}) deg, {apart:.3g} deg away, explains the readings as well: its share "
-                f"is {100 * share:.2g} %. More time, or a manoeuvre, tells them apart"
+                f"another mounting, rotation vector ({angles}) deg, {apart:.3g} deg away, explains the readings as well: its "
+                f"share is {100 * share:.2g} %. More time, or a manoeuvre, tells them apart"
             )
     return out + _unseen(problem, best, target, velocity, span)
 

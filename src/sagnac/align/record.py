@@ -16,7 +16,7 @@ from ..earth import ELLIPSOID
 from ..errors import InputError
 from ..files import sha256, write_atomically
 from ..frames import Array
-from . import verdict
+from .checks import verdict
 from .config import Config
 from .history import Run
 from .result import Alignment, Moment, Observed, Stretch, Value, values_of

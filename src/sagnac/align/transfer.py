@@ -16,7 +16,10 @@ from ..frames import Array
 from ..navigate.strapdown import increments
 from ..recording import GAP, SENSORS, Recording, open_recording, sample_interval
 from . import config as configs
-from . import differences, explain, master_checks, run, timing, verdict
+from . import run
+from .checks import differences, timing, verdict
+from .checks import master as master_checks
+from .checks import samples as sample_checks
 from .config import Config
 from .master import Master, open_master
 from .record import Draw, keep_inputs, of_run, sources, write
@@ -178,17 +181,17 @@ def examine(slave: Slave, master: Master, config: Config) -> tuple[list[str], li
     Raises
     ------
     InputError, DataError
-        As :mod:`~sagnac.align.master_checks`, :mod:`~sagnac.align.explain`, :mod:`~sagnac.align.timing` and
-        :mod:`~sagnac.align.differences` say.
+        As :mod:`~sagnac.align.checks.master`, :mod:`~sagnac.align.checks.samples`, :mod:`~sagnac.align.checks.timing` and
+        :mod:`~sagnac.align.checks.differences` say.
     """
     if master.attitude is None:
         raise InputError(
             f"{master.name}: the columns heading [deg], pitch [deg] and roll [deg] are missing: the slave starts with the "
             "master's attitude"
         )
-    explain.refuse_apart(slave, master, config.latency)
+    sample_checks.refuse_apart(slave, master, config.latency)
     remarks = master_checks.check(master)
-    doubts = explain.refuse_other_reading(slave, master, config)
+    doubts = sample_checks.refuse_other_reading(slave, master, config)
     if float(np.linalg.norm(config.initial.misalignment)) > _WIDE:
         return remarks, doubts, 0.0
     late, more = timing.check(slave, master, config)

@@ -27,7 +27,7 @@ def _rodrigues(a0, a1, a2, c1, c2, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _exponential(a0, a1, a2, turn, left):  # type: ignore[no-untyped-def]
+def exponential(a0, a1, a2, turn, left):  # type: ignore[no-untyped-def]
     """``turn = exp([a x])`` and its left Jacobian, the mean of the rotation on the way."""
     t2 = a0 * a0 + a1 * a1 + a2 * a2
     if t2 < 1e-6:
@@ -43,7 +43,7 @@ def _exponential(a0, a1, a2, turn, left):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _logarithm(r, out):  # type: ignore[no-untyped-def]
+def logarithm(r, out):  # type: ignore[no-untyped-def]
     """Rotation vector of a matrix; within 1e-7 rad of half a turn its direction is lost in rounding, its length is not."""
     out[0] = 0.5 * (r[2, 1] - r[1, 2])
     out[1] = 0.5 * (r[0, 2] - r[2, 0])
@@ -56,7 +56,7 @@ def _logarithm(r, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _times(a, b):  # type: ignore[no-untyped-def]
+def times(a, b):  # type: ignore[no-untyped-def]
     """``a b`` of 3x3 matrices."""
     out = np.empty((3, 3))
     for i in range(3):
@@ -66,7 +66,7 @@ def _times(a, b):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _times_t(a, b):  # type: ignore[no-untyped-def]
+def times_t(a, b):  # type: ignore[no-untyped-def]
     """``a b'``."""
     out = np.empty((3, 3))
     for i in range(3):
@@ -76,7 +76,7 @@ def _times_t(a, b):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _carry(turn, push, columns):  # type: ignore[no-untyped-def]
+def carry(turn, push, columns):  # type: ignore[no-untyped-def]
     """Columns of (xi, zeta) over one interval: ``xi = Q' xi, zeta = Q' (zeta - D x xi)``. Nothing here knows the estimate."""
     d0, d1, d2 = push[0], push[1], push[2]
     for j in range(columns.shape[1]):
@@ -90,7 +90,7 @@ def _carry(turn, push, columns):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _turn_over(square):  # type: ignore[no-untyped-def]
+def turn_over(square):  # type: ignore[no-untyped-def]
     """Transposed in place."""
     for i in range(square.shape[0]):
         for j in range(i):
@@ -98,7 +98,7 @@ def _turn_over(square):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _spread(covariance, turn, push, gyro, accel):  # type: ignore[no-untyped-def]
+def spread(covariance, turn, push, gyro, accel):  # type: ignore[no-untyped-def]
     """Add what white noise of an interval (`gyro` rad^2, `accel` (m/s)^2 in all) leaves in (xi, zeta).
 
     The force of an interval is taken as steady: noise of the gyros reaches zeta through ``-[f x]`` for the rest of the interval.
@@ -143,8 +143,8 @@ def intervals(turns, pushes, steps, last, gyro_bias, accel_bias):  # type: ignor
     push : ndarray, shape (m, 3), m/s
         D.
     slopes : ndarray, shape (m, 3, 3, 3)
-        At the end of the interval, in body axes there: xi for the gyros' biases, zeta for the gyros' and zeta for the accelerometers'.
-        A bias larger than the one taken off, by b, leaves ``xi = slopes[0] b``.
+        At the end of the interval, in body axes there: xi for the gyros' biases, zeta for the gyros' and zeta for the
+        accelerometers'. A bias larger than the one taken off, by b, leaves ``xi = slopes[0] b``.
     """
     m = last.size
     turn, push, slopes = np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((m, 3, 3, 3))
@@ -159,7 +159,7 @@ def intervals(turns, pushes, steps, last, gyro_bias, accel_bias):  # type: ignor
             p0 = pushes[s, 0] - accel_bias[0] * dt
             p1 = pushes[s, 1] - accel_bias[1] * dt
             p2 = pushes[s, 2] - accel_bias[2] * dt
-            _exponential(
+            exponential(
                 turns[s, 0] - gyro_bias[0] * dt,
                 turns[s, 1] - gyro_bias[1] * dt,
                 turns[s, 2] - gyro_bias[2] * dt,
@@ -170,7 +170,7 @@ def intervals(turns, pushes, steps, last, gyro_bias, accel_bias):  # type: ignor
                 d[i] = left[i, 0] * p0 + left[i, 1] * p1 + left[i, 2] * p2
             for i in range(3):
                 total[i] += r[i, 0] * d[0] + r[i, 1] * d[1] + r[i, 2] * d[2]
-            _carry(q, d, columns)
+            carry(q, d, columns)
             # the right Jacobian is the left one transposed; a bias turns the axes by -b t on the way: zeta = [p x] b dt / 2
             for i in range(3):
                 for j in range(3):
@@ -183,7 +183,7 @@ def intervals(turns, pushes, steps, last, gyro_bias, accel_bias):  # type: ignor
             columns[4, 2] -= half * p0
             columns[5, 0] -= half * p1
             columns[5, 1] += half * p0
-            r[:] = _times(r, q)
+            r[:] = times(r, q)
         turn[k], push[k] = r, total
         for i in range(3):
             for j in range(3):
@@ -199,7 +199,7 @@ def _whiten(row, seen, columns, walk, size, variance, gain):  # type: ignore[no-
     """One scalar reading through the filter of the noise that has gathered: `seen` in, whitened `seen` out.
 
     `row` (6,) on (xi, zeta) is what the reading sees; ``columns[:, size:]`` the filter's means, one for each entry of `seen`, and
-    `walk` their covariance.
+    `walk` their covariance. Returns which share of the reading's variance is what has gathered.
     """
     total = variance
     for i in range(6):
@@ -220,6 +220,7 @@ def _whiten(row, seen, columns, walk, size, variance, gain):  # type: ignore[no-
     for i in range(6):
         for j in range(6):
             walk[i, j] -= gain[i] * scale * gain[j]
+    return 1.0 - variance * scale
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -231,7 +232,7 @@ def _gather(seen, size, normal):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _arm_slopes(rate, arm, attitude, earth, offset, slope):  # type: ignore[no-untyped-def]
+def arm_slopes(rate, arm, attitude, earth, offset, slope):  # type: ignore[no-untyped-def]
     """Velocity of the slave about the master, ``(w - R' w_ie) x l``, in the slave's axes, and its derivative ``[w x][l x]``.
 
     The derivative is to a turn of the mounting, ``M exp([eta x])`` with ``l = M' arm``.
@@ -249,7 +250,7 @@ def _arm_slopes(rate, arm, attitude, earth, offset, slope):  # type: ignore[no-u
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _apply(matrix, vector, out):  # type: ignore[no-untyped-def]
+def apply(matrix, vector, out):  # type: ignore[no-untyped-def]
     """``out = matrix vector``; `out` is not `vector`."""
     for i in range(3):
         out[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
@@ -258,23 +259,24 @@ def _apply(matrix, vector, out):  # type: ignore[no-untyped-def]
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _advance(attitude, velocity, turn, push, slopes, columns, gained):  # type: ignore[no-untyped-def]
     """Run and the columns of its errors over one interval, all in inertial axes; `gained` is the velocity of the interval."""
-    _apply(attitude, push, gained)
+    apply(attitude, push, gained)
     velocity += gained
-    attitude[:] = _times(attitude, turn)
-    _carry(_UPRIGHT, gained, columns)
+    attitude[:] = times(attitude, turn)
+    carry(_UPRIGHT, gained, columns)
     for i in range(3):
         for j in range(3):
-            for l in range(3):
-                columns[i, 6 + j] += attitude[i, l] * slopes[0, l, j]
-                columns[3 + i, 6 + j] += attitude[i, l] * slopes[1, l, j]
-                columns[3 + i, 9 + j] += attitude[i, l] * slopes[2, l, j]
+            for k in range(3):
+                columns[i, 6 + j] += attitude[i, k] * slopes[0, k, j]
+                columns[3 + i, 6 + j] += attitude[i, k] * slopes[1, k, j]
+                columns[3 + i, 9 + j] += attitude[i, k] * slopes[2, k, j]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _see_attitude(attitude, mounting, reading, variance, size, columns, walk, normal):  # type: ignore[no-untyped-def]
     """A reading of the master's attitude: ``Log(A M R')`` is what the slave turned too little, less the mounting's own error."""
     row, gain, seen, left = np.zeros(6), np.empty(6), np.empty(size + 1), np.empty(3)
-    _logarithm(_times_t(_times(reading, mounting), attitude), left)
+    share = 0.0
+    logarithm(times_t(times(reading, mounting), attitude), left)
     for i in range(3):
         row[:] = 0.0
         row[i] = 1.0
@@ -283,8 +285,10 @@ def _see_attitude(attitude, mounting, reading, variance, size, columns, walk, no
         for c in range(3):
             seen[12 + c] -= attitude[i, c]
         seen[size] = left[i]
-        _whiten(row, seen, columns, walk, size, variance, gain)
+        part = _whiten(row, seen, columns, walk, size, variance, gain)
+        share += part if i < 2 else 0.0
         _gather(seen, size, normal)
+    return share
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -294,9 +298,10 @@ def _see_velocity(  # type: ignore[no-untyped-def]
     """A reading of the master's velocity, `left` of it by the run; the slave's own arm makes ``R (w x l)`` more of it."""
     row, gain, seen = np.empty(6), np.empty(6), np.empty(size + 1)
     body, offset, slope = np.empty(3), np.empty(3), np.empty((3, 3))
-    _arm_slopes(rate, arm, attitude, earth, body, slope)
-    _apply(attitude, body, offset)
-    slope = _times(attitude, slope)
+    arm_slopes(rate, arm, attitude, earth, body, slope)
+    apply(attitude, body, offset)
+    slope = times(attitude, slope)
+    share = 0.0
     for e in range(3):
         if not math.isfinite(variances[e]):
             continue
@@ -313,8 +318,10 @@ def _see_velocity(  # type: ignore[no-untyped-def]
         for c in range(3):
             for i in range(3):
                 seen[tie + c] -= axes[i, e] * slope[i, c]
-        _whiten(row, seen, columns, walk, size, variances[e], gain)
+        part = _whiten(row, seen, columns, walk, size, variances[e], gain)
+        share += part if e < 2 else 0.0
         _gather(seen, size, normal)
+    return share
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -323,11 +330,10 @@ def normal_equations(  # type: ignore[no-untyped-def]
 ):
     """Sum of squares of the whitened residuals of a run that knows no noise, with its Gauss-Newton normal equations.
 
-    The run starts at `attitude` and `velocity` and never looks at the readings. A turn of the start in its own axes, xi, and the
-    other parameters change it linearly. White noise of the sensors gathers in it and correlates the readings; a
-    filter of that noise alone (its covariance starts at nothing) whitens the residuals and each column of their derivative with the
-    same gains (Durbin & Koopman, *Time Series Analysis by State Space Methods*, 6.2.4). Noise and columns are in inertial axes:
-    in the slave's, what has gathered would seem to turn with the azimuth looked for, and to say something about it.
+    The run starts at `attitude` and `velocity` and never looks at the readings. White noise of the sensors gathers in it and
+    correlates the readings; a filter of that noise alone (its covariance starts at nothing) whitens the residuals and each
+    column of their derivative with the same gains (Durbin & Koopman, *Time Series Analysis by State Space Methods*, 6.2.4).
+    The left-invariant errors of the run are written in inertial axes, ``R^ xi`` and ``R^ zeta``.
 
     Parameters
     ----------
@@ -360,6 +366,8 @@ def normal_equations(  # type: ignore[no-untyped-def]
         ``[J r]' [J r]``, symmetric, residual = r - J parameters. Parameters: turn of the start in its own axes, velocity,
         biases of gyros and accelerometers, and with attitudes a turn of the mounting in the slave's axes; without them the
         mounting turns with the start.
+    level : float
+        How many level readings' worth of noise has gathered: the sum of its shares in their variances.
     """
     matched = attitudes.shape[0] > 0
     p = 15 if matched else 12
@@ -369,157 +377,24 @@ def normal_equations(  # type: ignore[no-untyped-def]
     columns[:3, :3] = attitude
     columns[3:, 3:6] = np.eye(3)
     r, y, gained, body_arm = attitude.copy(), velocity.copy(), np.empty(3), np.empty(3)
-    _apply(mounting.T, arm, body_arm)
+    apply(mounting.T, arm, body_arm)
+    level = 0.0
     for k in range(gathered.shape[0] + 1):
         if k > 0:
             _advance(r, y, turn[k - 1], push[k - 1], slopes[k - 1], columns, gained)
-            _carry(_UPRIGHT, gained, walk)
-            _turn_over(walk)
-            _carry(_UPRIGHT, gained, walk)
-            _spread(walk, _UPRIGHT, gained, gathered[k - 1, 0], gathered[k - 1, 1])
+            carry(_UPRIGHT, gained, walk)
+            turn_over(walk)
+            carry(_UPRIGHT, gained, walk)
+            spread(walk, _UPRIGHT, gained, gathered[k - 1, 0], gathered[k - 1, 1])
         if matched:
-            _see_attitude(r, mounting, attitudes[k], noise[3], p, columns, walk, normal)
+            level += _see_attitude(r, mounting, attitudes[k], noise[3], p, columns, walk, normal)
         if k > 0:
             left = series[k - 1] - y
             tie = 12 if matched else 0  # where a turn of the mounting stands
-            _see_velocity(r, left, axes[k - 1], rates[k - 1], body_arm, earth, noise, tie, p, columns, walk, normal)
+            level += _see_velocity(
+                r, left, axes[k - 1], rates[k - 1], body_arm, earth, noise, tie, p, columns, walk, normal
+            )
     for i in range(p + 1):
         for j in range(i):
             normal[i, j] = normal[j, i]
-    return normal
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _correct(error, attitude, velocity):  # type: ignore[no-untyped-def]
-    """State corrected along the group: ``y = y + R Jl(xi) zeta, R = R exp([xi x])``."""
-    turn, left = np.empty((3, 3)), np.empty((3, 3))
-    _exponential(error[0], error[1], error[2], turn, left)
-    left = _times(attitude, left)
-    for i in range(3):
-        velocity[i] += left[i, 0] * error[3] + left[i, 1] * error[4] + left[i, 2] * error[5]
-    attitude[:] = _times(attitude, turn)
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _flow(turn, push, slope, square):  # type: ignore[no-untyped-def]
-    """``F square`` for all states (xi, zeta, gyro bias, accelerometer bias, ...)."""
-    _carry(turn, push, square)
-    for c in range(square.shape[1]):
-        for i in range(3):
-            for j in range(3):
-                square[i, c] += slope[0, i, j] * square[6 + j, c]
-                square[3 + i, c] += slope[1, i, j] * square[6 + j, c] + slope[2, i, j] * square[9 + j, c]
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _update(row, value, variance, covariance, error, gain):  # type: ignore[no-untyped-def]
-    """Scalar update of an error that has not been fed back yet."""
-    n = error.size
-    total, left = variance, value
-    for i in range(n):
-        gain[i] = 0.0
-        for j in range(n):
-            gain[i] += covariance[i, j] * row[j]
-    for i in range(n):
-        total += row[i] * gain[i]
-        left -= row[i] * error[i]
-    for i in range(n):
-        error[i] += gain[i] * left / total
-        for j in range(i, n):
-            covariance[i, j] -= gain[i] * gain[j] / total
-            covariance[j, i] = covariance[i, j]
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _predict(turn, push, slopes, bias, gathered, attitude, velocity, back, covariance):  # type: ignore[no-untyped-def]
-    """One interval of the filter; `back` takes coordinates now to those of the start."""
-    shift, nothing = np.zeros(6), np.zeros(3)
-    for i in range(3):
-        for j in range(3):
-            velocity[i] += attitude[i, j] * push[j]
-            shift[i] += slopes[0, i, j] * bias[j]
-            shift[3 + i] += slopes[1, i, j] * bias[j] + slopes[2, i, j] * bias[3 + j]
-    attitude[:] = _times(attitude, turn)
-    back[:] = _times(back, turn)
-    _correct(shift, attitude, velocity)
-    _correct(shift, back, nothing)
-    _flow(turn, push, slopes, covariance)
-    _turn_over(covariance)
-    _flow(turn, push, slopes, covariance)
-    _spread(covariance, turn, push, gathered[0], gathered[1])
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _take_velocity(left, axes, rate, arm, earth, variances, attitude, covariance, error):  # type: ignore[no-untyped-def]
-    """A reading of the master's velocity, `left` of it by the state, in the filter."""
-    n = error.size
-    row, gain, offset, slope = np.zeros(n), np.empty(n), np.empty(3), np.empty((3, 3))
-    _arm_slopes(rate, arm, attitude, earth, offset, slope)
-    view = _times(axes.T, attitude)
-    for e in range(3):
-        if not math.isfinite(variances[e]):
-            continue
-        value = 0.0
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            row[3 + i] = view[e, i]
-            row[i] = view[e, j] * offset[k] - view[e, k] * offset[j]
-            value += axes[i, e] * left[i] + view[e, i] * offset[i]
-            if n > 12:
-                row[12 + i] = -(view[e, 0] * slope[0, i] + view[e, 1] * slope[1, i] + view[e, 2] * slope[2, i])
-        _update(row, value, variances[e], covariance, error, gain)
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def left_invariant(  # type: ignore[no-untyped-def]
-    turn, push, slopes, gathered, series, axes, rates, attitudes, earth, arm, noise, attitude, velocity, mounting, covariance
-):
-    """Left-invariant extended Kalman filter with feedback over the same readings as :func:`normal_equations`.
-
-    Barrau & Bonnabel 2017 (IEEE TAC 62, 1797), with the biases beside the group ("imperfect" form): the error of attitude and
-    velocity propagates linearly whatever the estimate is, and a correction moves the state along the group.
-
-    Parameters
-    ----------
-    turn, ..., mounting
-        See :func:`normal_equations`; the intervals are those with no bias taken off.
-    covariance : ndarray, shape (n, n)
-        Of (xi, zeta, gyro bias, accelerometer bias, and with attitudes the mounting's turn) at the start, xi and zeta in the slave's
-        axes. Overwritten with that at the end.
-
-    Returns
-    -------
-    start : ndarray, shape (3, 3)
-        Attitude at the start: that at the end carried back with the turns and the estimated bias.
-    biases : ndarray, shape (6,)
-        Of gyros and accelerometers.
-    mounting : ndarray, shape (3, 3)
-    """
-    matched = attitudes.shape[0] > 0
-    n = covariance.shape[0]
-    r, y, m0, bias, back = attitude.copy(), velocity.copy(), mounting.copy(), np.zeros(6), np.eye(3)
-    error, row, gain, seen, body_arm = np.zeros(n), np.zeros(n), np.empty(n), np.empty(3), np.empty(3)
-    turned, left = np.empty((3, 3)), np.empty((3, 3))
-    for k in range(gathered.shape[0] + 1):
-        if k > 0:
-            _predict(turn[k - 1], push[k - 1], slopes[k - 1], bias, gathered[k - 1], r, y, back, covariance)
-        error[:] = 0.0
-        if matched:
-            _logarithm(_times(_times(r.T, attitudes[k]), m0), seen)
-            for i in range(3):
-                row[:] = 0.0
-                row[i], row[12 + i] = 1.0, -1.0
-                _update(row, seen[i], noise[3], covariance, error, gain)
-        if k > 0:
-            _apply(m0.T, arm, body_arm)
-            _take_velocity(series[k - 1] - y, axes[k - 1], rates[k - 1], body_arm, earth, noise, r, covariance, error)
-        _correct(error, r, y)
-        for i in range(6):
-            bias[i] += error[6 + i]
-        if matched:
-            _exponential(error[12], error[13], error[14], turned, left)
-            m0[:] = _times(m0, turned)
-        else:
-            # what the master said of its attitude at the start stands, and the mounting is the slave's attitude against it
-            m0[:] = _times(mounting, _times(attitude.T, _times_t(r, back)))
-    return _times_t(r, back), bias, m0
+    return normal, level

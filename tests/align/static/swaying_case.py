@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sagnac.align.static import place_of
-from sagnac.align.static_fit import Place
+from sagnac.align.static.fit import Place
 from sagnac.frames import Array, attitude_matrix
 from sagnac.navigate.stream import Piece
 

@@ -13,11 +13,11 @@ from scipy.sparse import csr_array
 from scipy.stats import multivariate_normal
 from swaying_case import DEGREE, HOUR, UG, Unit, phi_of, spoilt, waves
 
-from sagnac.align import static_noise as noises
-from sagnac.align.coarse import inertial
-from sagnac.align.static_fit import Data, look, loose, rows, settled, stated, windows
-from sagnac.align.static_model import collect, joined, to_enu_of_inertial, upward
-from sagnac.align.static_noise import Noise
+from sagnac.align.static import noise as noises
+from sagnac.align.static.coarse import inertial
+from sagnac.align.static.fit import Data, look, loose, rows, settled, stated, windows
+from sagnac.align.static.model import collect, joined, to_enu_of_inertial, upward
+from sagnac.align.static.noise import Noise
 from sagnac.errors import DataError
 from sagnac.frames import rotation_matrix, skew
 from sagnac.navigate.stream import Piece

@@ -33,12 +33,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
-from ..frames import Array
+from ...errors import InputError
+from ...frames import Array
 from .chain import Chain, Group
 
 if TYPE_CHECKING:
-    from .config import Config
+    from ..config import Config
 
 _CONFIDENCE = 0.95
 _BLOCK = 64  # groups of runs whose errors are computed at a time

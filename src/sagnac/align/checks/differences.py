@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..earth import STANDARD_GRAVITY
-from ..errors import DataError
-from ..frames import Array, cross, rot_z, rotation_matrix, skew
+from ...earth import STANDARD_GRAVITY
+from ...errors import DataError
+from ...frames import Array, cross, rot_z, rotation_matrix, skew
 from .timing import stretches
 from .windows import Apart, Intervals, apart, intervals
 
 if TYPE_CHECKING:
-    from .config import Config
-    from .master import Master
-    from .samples import Slave
+    from ..config import Config
+    from ..master import Master
+    from ..samples import Slave
 
 _MEDIAN = 1.538  # of the length of a vector of three unit normal components
 _SURE = 6.0  # standard deviations

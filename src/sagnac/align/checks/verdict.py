@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration import printed
-from ..errors import DataError
-from ..frames import Array
-from .result import Innovations, NotObserved
+from ...calibration import printed
+from ...errors import DataError
+from ...frames import Array
+from ..result import Innovations, NotObserved
 
 if TYPE_CHECKING:
-    from .config import Config
-    from .history import Run
+    from ..config import Config
+    from ..history import Run
 
 _REFUSED = 4.0  # innovations of twice their size
 _PART_REFUSED = 9.0  # three times their size, in a tenth of the time

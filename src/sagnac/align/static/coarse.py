@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..earth import EARTH_RATE, earth_rate_enu
-from ..errors import DataError, InputError
-from ..frames import Array, unit, wahba
-from .static_model import Blocks, upward
+from ...earth import EARTH_RATE, earth_rate_enu
+from ...errors import DataError, InputError
+from ...frames import Array, unit, wahba
+from .model import Blocks, upward
 
 _PARALLEL = 1e-3
 """rad: gravity and Earth rate closer together than this (some kilometres from a pole) leave the azimuth open."""
@@ -105,7 +105,7 @@ def inertial(blocks: Blocks, latitude: float, *, earth_rate: float = EARTH_RATE)
     Returns
     -------
     ndarray, shape (3, 3)
-        C_s_i, see :mod:`sagnac.align.static_model`.
+        C_s_i, see :mod:`sagnac.align.static.model`.
     """
     middle = 0.5 * float(blocks.end[-1])
     _, there, _ = upward(blocks.end, middle, earth_rate_enu(latitude, earth_rate))

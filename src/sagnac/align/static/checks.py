@@ -11,11 +11,11 @@ from itertools import permutations, product
 
 import numpy as np
 
-from ..errors import DataError
-from ..frames import Array, cross, rotation_vector
+from ...errors import DataError
+from ...frames import Array, cross, rotation_vector
 from .coarse import inertial
-from .static_fit import Data, Look, Place, look
-from .static_model import Blocks, read_otherwise
+from .fit import Data, Look, Place, look
+from .model import Blocks, read_otherwise
 
 _FAR = 5.0  # standard uncertainties
 _SIZE = 0.02  # error of the specific force that no usable accelerometer has

@@ -8,18 +8,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .._version import __version__
-from ..calibration import Software, Source, covariance_rows
-from ..earth import STANDARD_GRAVITY
-from ..files import sha256
-from ..frames import Array, heading_pitch_roll, rotation_matrix
-from ..recording import Recording
-from . import static_checks as checks
+from ..._version import __version__
+from ...calibration import Software, Source, covariance_rows
+from ...earth import STANDARD_GRAVITY
+from ...files import sha256
+from ...frames import Array, heading_pitch_roll, rotation_matrix
+from ...recording import Recording
+from ..result import Alignment, Moment, NotObserved, Observed, Value, values_of
+from . import checks
 from .coarse import gyrocompass, inertial
-from .result import Alignment, Moment, NotObserved, Observed, Value, values_of
-from .static_fit import Data, Place, Solution, settled, stated
-from .static_model import Blocks
-from .static_noise import Noise
+from .fit import Data, Place, Solution, settled, stated
+from .model import Blocks
+from .noise import Noise
 
 _REMAINS = 0.9
 """A bias of whose uncertainty more than this is left was not observed."""

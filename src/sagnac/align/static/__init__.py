@@ -16,19 +16,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..earth import EARTH_RATE, normal_gravity
-from ..errors import InputError
-from ..frames import Array
-from ..navigate.strapdown import Meaning
-from ..navigate.stream import Stream
-from ..recording import Recording
-from . import static_checks as checks
-from . import static_report as report
+from ...earth import EARTH_RATE, normal_gravity
+from ...errors import InputError
+from ...frames import Array
+from ...navigate.strapdown import Meaning
+from ...navigate.stream import Stream
+from ...recording import Recording
+from ..result import Alignment
+from . import checks as checks
+from . import report as report
 from .coarse import inertial
-from .result import Alignment
-from .static_fit import Data, Place, look, loose, rows, settled, stated
-from .static_model import Blocks, collect, joined
-from .static_noise import found_noise
+from .fit import Data, Place, look, loose, rows, settled, stated
+from .model import Blocks, collect, joined
+from .noise import found_noise
 
 GYRO_BIAS, ACCEL_BIAS = math.radians(0.01) / 3600.0, 50e-6 * 9.80665
 """What the biases are taken to be (one sigma) unless stated: 0.01 deg/h and 50 ug, a navigation-grade unit's."""

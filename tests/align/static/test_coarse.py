@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from swaying_case import DEGREE, HOUR, UG, Unit, phi_of, waves
 
-from sagnac.align.coarse import gyrocompass, inertial
-from sagnac.align.static_model import collect, to_enu_of_inertial
+from sagnac.align.static.coarse import gyrocompass, inertial
+from sagnac.align.static.model import collect, to_enu_of_inertial
 from sagnac.earth import EARTH_RATE, earth_rate_enu, normal_gravity
 from sagnac.errors import DataError, InputError
 from sagnac.frames import attitude_matrix, rotation_matrix

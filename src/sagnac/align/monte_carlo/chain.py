@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..earth import ELLIPSOID, normal_gravity
-from ..errors import InputError
-from ..frames import Array, rot_z, rotation_matrix, rotation_vector
-from ..navigate.many import pack_many
-from ..navigate.state import State
-from ..navigate.strapdown import unpack
-from ..navigate.trajectory import Trajectory
-from . import model
+from ...earth import ELLIPSOID, normal_gravity
+from ...errors import InputError
+from ...frames import Array, rot_z, rotation_matrix, rotation_vector
+from ...navigate.many import pack_many
+from ...navigate.state import State
+from ...navigate.strapdown import unpack
+from ...navigate.trajectory import Trajectory
+from .. import model
 
 if TYPE_CHECKING:
-    from .config import Config
+    from ..config import Config
 
 Integers = NDArray[np.uint64]
 
@@ -179,13 +179,13 @@ class Chain:
 
     def start(self, runs: int, seed: int) -> list[Group]:
         """Draw the runs, the last ones of the last group to fill it up."""
-        from ..kernels.lanes import LANES
+        from ...kernels.lanes import LANES
 
         truth = self.trajectory.state(0.0)
         return [self._drawn(np.arange(i, i + LANES), seed, truth) for i in range(0, runs, LANES)]
 
     def _drawn(self, numbers: NDArray[np.int64], seed: int, truth: State) -> Group:
-        from ..kernels.lanes_random import normals
+        from ...kernels.lanes_random import normals
 
         lanes = numbers.size
         generator, drawn = _generators(numbers, seed), np.empty(_DRAWS * lanes)
@@ -243,7 +243,7 @@ class Chain:
 
     def advance(self, group: Group, piece: Piece) -> None:
         """Take a group over a piece."""
-        from ..kernels.lanes_chain import align
+        from ...kernels.lanes_chain import align
 
         align(
             group.state,
@@ -298,7 +298,7 @@ class Chain:
 
 def _columns(rows: Sequence[Array]) -> Array:
     """Rows of lanes as one row for each run, (runs, ...)."""
-    from ..kernels.lanes import LANES
+    from ...kernels.lanes import LANES
 
     return np.concatenate([np.ascontiguousarray(r.reshape(-1, LANES).T) for r in rows])
 

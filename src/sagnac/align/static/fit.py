@@ -2,7 +2,7 @@ r"""The maximum-likelihood attitude of a unit that stays at its place, with the 
 
 Unknowns: attitude psi (3, small, about its latest value), place r_0 (3) and velocity v_0 (3) at the start, gyro bias eps (3) and
 accelerometer bias nab (3) in body axes, of which something is known beforehand. Data: the twice integrated specific force, block
-by block, see :mod:`sagnac.align.static_model`; its errors are correlated, see :mod:`sagnac.align.static_noise`. The problem is
+by block, see :mod:`sagnac.align.static.model`; its errors are correlated, see :mod:`sagnac.align.static.noise`. The problem is
 linear but for the attitude and is solved by Gauss-Newton on whitened rows. It is a batch estimate: with Gaussian noise of
 these kinds no filter does better, and it reaches the Cramer-Rao bound (with the priors: van Trees').
 
@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..frames import Array, rotation_matrix, skew
-from .static_model import Blocks, to_enu_of_inertial, upward
-from .static_noise import End, Kernels, Noise, at_the_end, covariances, kernels, whiten, whitener
+from ...frames import Array, rotation_matrix, skew
+from .model import Blocks, to_enu_of_inertial, upward
+from .noise import End, Kernels, Noise, at_the_end, covariances, kernels, whiten, whitener
 
 _UNKNOWNS = 15
 _PSI, _R, _V, _EPS, _NAB = (slice(3 * i, 3 * i + 3) for i in range(5))
@@ -98,7 +98,7 @@ class Data:
     middle : ndarray, shape (m,), s
         Middles of the windows from the start.
     place, gyro, accel : ndarray, shape (m, 3) and (m, 3, 3)
-        Of the blocks, see :class:`sagnac.align.static_model.Blocks`.
+        Of the blocks, see :class:`sagnac.align.static.model.Blocks`.
     fallen : ndarray, shape (m, 3), s^2
         The upward direction integrated twice.
     kernel : Kernels
@@ -290,9 +290,9 @@ def settled(data: Data, C: Array, noise: Noise, prior: Array) -> Solution:
     ----------
     data : Data
     C : ndarray, shape (3, 3)
-        C_s_i to start from, :func:`sagnac.align.coarse.inertial`.
+        C_s_i to start from, :func:`sagnac.align.static.coarse.inertial`.
     noise : Noise
-        From :func:`sagnac.align.static_noise.found_noise`.
+        From :func:`sagnac.align.static.noise.found_noise`.
     prior : ndarray, shape (15, 15)
         From :func:`stated`.
 

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..earth import normal_gravity
-from ..frames import Array, cross, rotation_matrix, rotation_vector
-from ..navigate import wander
-from ..recording import GAP
+from ...earth import normal_gravity
+from ...frames import Array, cross, rotation_matrix, rotation_vector
+from ...navigate import wander
+from ...recording import GAP
 
 if TYPE_CHECKING:
-    from .config import Config
-    from .master import Master
-    from .samples import Slave
+    from ..config import Config
+    from ..master import Master
+    from ..samples import Slave
 
 _MOST = 3000  # windows that are looked at
 

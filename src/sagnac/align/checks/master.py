@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..earth import ELLIPSOID, radii
-from ..errors import DataError
-from ..frames import Array, unit
-from ..navigate import wander
-from ..recording import GAP
-from .master import Master
+from ...earth import ELLIPSOID, radii
+from ...errors import DataError
+from ...frames import Array, unit
+from ...navigate import wander
+from ...recording import GAP
+from ..master import Master
 
 _STRETCH = 10.0  # s over which the position is differenced
 _SLOW = 0.3  # m/s: a slower vehicle shows nothing of its velocity's unit or direction

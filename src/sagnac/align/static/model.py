@@ -22,10 +22,10 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..errors import DataError
-from ..frames import Array, cross, rotation_matrix, rotation_vector, skew
-from ..kernels.attitude import compose
-from ..navigate.stream import Piece
+from ...errors import DataError
+from ...frames import Array, cross, rotation_matrix, rotation_vector, skew
+from ...kernels.attitude import compose
+from ...navigate.stream import Piece
 
 _SHORTEST = 0.2
 """s: blocks while samples come; for long times they are joined."""

@@ -11,11 +11,11 @@ from scipy.stats import chi2
 from swaying_case import DEGREE, HOUR, STILL, UG, Unit, Wave, phi_of, spoilt, together, waves
 
 from sagnac.align import static
-from sagnac.align.coarse import inertial
 from sagnac.align.result import loads
-from sagnac.align.static_fit import Data, look, loose, rows, settled, stated
-from sagnac.align.static_model import collect
-from sagnac.align.static_noise import found_noise
+from sagnac.align.static.coarse import inertial
+from sagnac.align.static.fit import Data, look, loose, rows, settled, stated
+from sagnac.align.static.model import collect
+from sagnac.align.static.noise import found_noise
 from sagnac.errors import DataError, InputError
 from sagnac.frames import attitude_matrix
 from sagnac.recording import from_arrays, open_recording
@@ -414,7 +414,7 @@ def test_gap_is_refused(parked):
 
 
 def public_recording():
-    shared = Path(os.environ.get("SAGNAC_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
+    shared = Path(os.environ.get("SAGNAC_DATA", Path(__file__).resolve().parents[4] / "shared" / "data"))
     path = shared / "laser_gyro_parked.parquet"
     if not path.exists():
         pytest.skip("laser_gyro_parked.parquet is not at hand (set SAGNAC_DATA to its folder)")

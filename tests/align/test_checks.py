@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from voyages import DEG, config, voyage
 
-from sagnac.align import differences, timing
+from sagnac.align.checks import differences, timing
+from sagnac.align.checks.windows import apart, intervals, predicted, windows
 from sagnac.align.transfer import examine
-from sagnac.align.windows import apart, intervals, predicted, windows
 from sagnac.errors import DataError, InputError
 
 ARCMIN = DEG / 60

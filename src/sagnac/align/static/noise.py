@@ -11,7 +11,7 @@ accelerometers' white noise       N_a^2, (m/s^2)^2/Hz         m^3/3 + d m^2/2
 gyros' white noise, level         g^2 N_g^2, (rad/s)^2/Hz     m^5/20 + d m^4/8 + d^2 m^3/12
 ================================  ==========================  ============================================
 
-Blocks are summed up in windows (:func:`sagnac.align.static_fit.windows`). Spectra fall with the zeroth, second, fourth and
+Blocks are summed up in windows (:func:`sagnac.align.static.fit.windows`). Spectra fall with the zeroth, second, fourth and
 sixth power of the frequency, so that some minutes of data tell them apart. The likelihood is that of the residuals after the
 unknowns are taken out (Patterson & Thompson 1971; Harville 1977), so that the freedom that the unknowns take up makes the noise
 no smaller.
@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..frames import Array
+from ...frames import Array
 
 _LEAST = 1e-4
 """A noise this many times smaller than what its start value explains counts as none."""

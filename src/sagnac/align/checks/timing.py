@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DataError
-from ..frames import Array
+from ...errors import DataError
+from ...frames import Array
 from .windows import Apart, Intervals, apart, intervals
 
 if TYPE_CHECKING:
-    from .config import Config
-    from .master import Master
-    from .samples import Slave
+    from ..config import Config
+    from ..master import Master
+    from ..samples import Slave
 
 _STRETCH = 20.0  # s: drifts and tilts are a straight line over this time
 _SURE = 5.0  # standard deviations

@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DataError, InputError
-from ..frames import Array, attitude_matrix, heading_pitch_roll, rotation_vector, skew, wahba
+from ...errors import DataError, InputError
+from ...frames import Array, attitude_matrix, heading_pitch_roll, rotation_vector, skew, wahba
 from .windows import Intervals, Windows, intervals, predicted, windows
 
 if TYPE_CHECKING:
-    from .config import Config
-    from .master import Master
-    from .samples import Slave
+    from ..config import Config
+    from ..master import Master
+    from ..samples import Slave
 
 AXES = ("x", "y", "z")
 _SPANS = (2.0, 60.0)  # s: windows that see turns, and windows that see the Earth turn
