@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ValidationError, ValidationInfo
 
 from . import units
 from .errors import InputError
@@ -93,6 +94,28 @@ def si(text: object, unit: str, example: str) -> float:
 def reads(unit: str, example: str) -> BeforeValidator:
     """Reader of a text with a unit, for ``Annotated[float, reads("Hz", "100 Hz")]``."""
     return BeforeValidator(lambda given: si(given, unit, example))
+
+
+@dataclass(frozen=True)
+class Reader:
+    """Reads a text with a unit, or in Python, where there is no file, a number in SI; knows its unit, for writing."""
+
+    unit: str
+    example: str
+
+    def __call__(self, given: object, info: ValidationInfo) -> float:
+        """The value in SI; raises as :func:`si` does."""
+        from_file = info.context is not None and "file" in info.context
+        if isinstance(given, int | float) and not isinstance(given, bool) and not from_file:
+            if not math.isfinite(given):
+                raise ValueError(f"{given} is not finite")
+            return float(given)
+        return si(given, self.unit, self.example)
+
+
+def takes(unit: str, example: str) -> BeforeValidator:
+    """A :class:`Reader` for ``Annotated[float, takes("m", "1.5 m")]``."""
+    return BeforeValidator(Reader(unit, example))
 
 
 def as_list(given: object) -> object:

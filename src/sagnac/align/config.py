@@ -7,7 +7,6 @@ reading it back gives an equal one.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
@@ -17,7 +16,6 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     ValidationError,
-    ValidationInfo,
     field_validator,
     model_validator,
 )
@@ -28,7 +26,7 @@ from ..files import write_atomically
 from ..navigate.trajectory import course
 from ..navigate.trajectory.course import Course
 from ..plan import read_toml
-from ..quantities import ABOVE_ZERO, SIZE, si
+from ..quantities import ABOVE_ZERO, SIZE, Reader, si, takes
 
 # unit -> unit that a person would write, and its size
 _WRITTEN = {
@@ -36,26 +34,6 @@ _WRITTEN = {
     "rad/s": ("deg/h", math.pi / 648000.0),
     "rad/s/Hz^0.5": ("deg/sqrt(h)", math.pi / 10800.0),
 }
-
-
-@dataclass(frozen=True)
-class _Reader:
-    """Reads a text with a unit, or in Python a number in SI."""
-
-    unit: str
-    example: str
-
-    def __call__(self, given: Any, info: ValidationInfo) -> float:
-        from_file = info.context is not None and "file" in info.context
-        if isinstance(given, int | float) and not isinstance(given, bool) and not from_file:
-            if not math.isfinite(given):
-                raise ValueError(f"{given} is not finite")
-            return float(given)
-        return si(given, self.unit, self.example)
-
-
-def _reads(unit: str, example: str) -> BeforeValidator:
-    return BeforeValidator(_Reader(unit, example))
 
 
 def _up_to(greatest: float, words: str) -> AfterValidator:
@@ -76,23 +54,23 @@ _NO_NAME = "\0"
 _THRICE = BeforeValidator(_thrice)
 _DEG = ("rad", "0.2 deg")
 
-Time = Annotated[float, _reads("s", "0.1 s")]
-Interval = Annotated[float, _reads("s", "0.1 s"), ABOVE_ZERO, _up_to(3600.0, "an hour")]
-Length = Annotated[float, _reads("m", "1.5 m")]
-AngleSize = Annotated[float, _reads(*_DEG), SIZE, _up_to(math.pi, "180 deg")]
-LengthSize = Annotated[float, _reads("m", "0.1 m"), SIZE]
-SpeedSize = Annotated[float, _reads("m/s", "0.2 m/s"), SIZE, _up_to(1000.0, "1000 m/s")]
-TimeSize = Annotated[float, _reads("s", "0.05 s"), SIZE, _up_to(10.0, "10 s")]
-AccelSize = Annotated[float, _reads("m/s^2", "50 ug"), SIZE, _up_to(9.80665, "1 g")]
-RateSize = Annotated[float, _reads("rad/s", "0.01 deg/h"), SIZE, _up_to(math.pi, "180 deg/s")]
-SpeedNoise = Annotated[float, _reads("m/s", "0.01 m/s"), ABOVE_ZERO, _up_to(1000.0, "1000 m/s")]
-AngleNoise = Annotated[float, _reads("rad", "1 arcmin"), ABOVE_ZERO, _up_to(math.pi, "180 deg")]
-GyroDensity = Annotated[float, _reads("rad/s/Hz^0.5", "0.001 deg/sqrt(h)"), SIZE]
-AccelDensity = Annotated[float, _reads("m/s^2/Hz^0.5", "0.833 ug/sqrt(Hz)"), SIZE]
-GyroWalk = Annotated[float, _reads("rad/s/s^0.5", "0.001 deg/h/sqrt(h)"), SIZE]
-AccelWalk = Annotated[float, _reads("m/s^2/s^0.5", "1 ug/sqrt(h)"), SIZE]
-Gravity = Annotated[float, _reads("m/s^2", "9.81919 m/s^2")]
-Rate = Annotated[float, _reads("rad/s", "7.292115e-5 rad/s")]
+Time = Annotated[float, takes("s", "0.1 s")]
+Interval = Annotated[float, takes("s", "0.1 s"), ABOVE_ZERO, _up_to(3600.0, "an hour")]
+Length = Annotated[float, takes("m", "1.5 m")]
+AngleSize = Annotated[float, takes(*_DEG), SIZE, _up_to(math.pi, "180 deg")]
+LengthSize = Annotated[float, takes("m", "0.1 m"), SIZE]
+SpeedSize = Annotated[float, takes("m/s", "0.2 m/s"), SIZE, _up_to(1000.0, "1000 m/s")]
+TimeSize = Annotated[float, takes("s", "0.05 s"), SIZE, _up_to(10.0, "10 s")]
+AccelSize = Annotated[float, takes("m/s^2", "50 ug"), SIZE, _up_to(9.80665, "1 g")]
+RateSize = Annotated[float, takes("rad/s", "0.01 deg/h"), SIZE, _up_to(math.pi, "180 deg/s")]
+SpeedNoise = Annotated[float, takes("m/s", "0.01 m/s"), ABOVE_ZERO, _up_to(1000.0, "1000 m/s")]
+AngleNoise = Annotated[float, takes("rad", "1 arcmin"), ABOVE_ZERO, _up_to(math.pi, "180 deg")]
+GyroDensity = Annotated[float, takes("rad/s/Hz^0.5", "0.001 deg/sqrt(h)"), SIZE]
+AccelDensity = Annotated[float, takes("m/s^2/Hz^0.5", "0.833 ug/sqrt(Hz)"), SIZE]
+GyroWalk = Annotated[float, takes("rad/s/s^0.5", "0.001 deg/h/sqrt(h)"), SIZE]
+AccelWalk = Annotated[float, takes("m/s^2/s^0.5", "1 ug/sqrt(h)"), SIZE]
+Gravity = Annotated[float, takes("m/s^2", "9.81919 m/s^2")]
+Rate = Annotated[float, takes("rad/s", "7.292115e-5 rad/s")]
 
 
 class _Record(BaseModel):
@@ -305,7 +283,7 @@ def _plain_value(value: Any, unit: str | None) -> Any:
 def _unit_of(*parts: Any) -> str | None:
     """Unit of the quantity that a type, such as a tuple or an optional, is made of."""
     for part in parts:
-        if isinstance(getattr(part, "func", None), _Reader):
+        if isinstance(getattr(part, "func", None), Reader):
             return str(part.func.unit)
         found = _unit_of(*getattr(part, "__metadata__", ()), *get_args(part))
         if found:

@@ -7,33 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from ...errors import InputError
-from ...quantities import ABOVE_ZERO, SIZE, checked, si
+from ...quantities import ABOVE_ZERO, SIZE, Reader, checked, si, takes
 
 _MOST_LEGS = 20_000
 _LONGEST = 1e7  # s: four months
-
-
-@dataclass(frozen=True)
-class _Reader:
-    """Reads a text with a unit, or in Python a number in SI."""
-
-    unit: str
-    example: str
-
-    def __call__(self, given: Any, info: ValidationInfo) -> float:
-        from_file = info.context is not None and "file" in info.context
-        if isinstance(given, int | float) and not isinstance(given, bool) and not from_file:
-            if not math.isfinite(given):
-                raise ValueError(f"{given} is not finite")
-            return float(given)
-        return si(given, self.unit, self.example)
-
-
-def _reads(unit: str, example: str) -> BeforeValidator:
-    return BeforeValidator(_Reader(unit, example))
 
 
 def _within(least: float, greatest: float, words: str) -> AfterValidator:
@@ -84,13 +64,13 @@ def _climb(given: object) -> Climb:
 
 _DEG = ("rad", "5 deg")
 _LEVEL = _within(-math.radians(80.0), math.radians(80.0), "80 deg of level")
-Time = Annotated[float, _reads("s", "300 s"), ABOVE_ZERO]
-Ease = Annotated[float, _reads("s", "3 s"), SIZE]
-Angle = Annotated[float, _reads(*_DEG)]
-Swing = Annotated[float, _reads(*_DEG), SIZE, _within(0.0, math.radians(60.0), "60 deg")]
-Speed = Annotated[float, _reads("m/s", "10 m/s"), SIZE, Field(le=1000.0)]
-TurnRate = Annotated[float, _reads("rad/s", "3 deg/s"), _within(-10.0, 10.0, "10 rad/s")]
-Thrust = Annotated[float, _reads("m/s^2", "0.5 m/s^2"), _within(-100.0, 100.0, "100 m/s^2")]
+Time = Annotated[float, takes("s", "300 s"), ABOVE_ZERO]
+Ease = Annotated[float, takes("s", "3 s"), SIZE]
+Angle = Annotated[float, takes(*_DEG)]
+Swing = Annotated[float, takes(*_DEG), SIZE, _within(0.0, math.radians(60.0), "60 deg")]
+Speed = Annotated[float, takes("m/s", "10 m/s"), SIZE, Field(le=1000.0)]
+TurnRate = Annotated[float, takes("rad/s", "3 deg/s"), _within(-10.0, 10.0, "10 rad/s")]
+Thrust = Annotated[float, takes("m/s^2", "0.5 m/s^2"), _within(-100.0, 100.0, "100 m/s^2")]
 
 
 class _Record(BaseModel):
@@ -154,7 +134,7 @@ class Sway(_Record):
     yaw: Swing = 0.0
     yaw_period: Time = 12.0
     yaw_phase: Angle = 0.0
-    heave: Annotated[float, _reads("m", "0.5 m"), SIZE, _within(0.0, 100.0, "100 m")] = 0.0
+    heave: Annotated[float, takes("m", "0.5 m"), SIZE, _within(0.0, 100.0, "100 m")] = 0.0
     heave_period: Time = 7.0
     heave_phase: Angle = 0.0
 
@@ -183,13 +163,13 @@ class Course(_Record):
     sway : Sway
     """
 
-    latitude: Annotated[float, _reads("rad", "60 deg"), _within(-math.pi / 2, math.pi / 2, "90 deg")]
-    longitude: Annotated[float, _reads("rad", "108 deg"), _within(-2 * math.pi, 2 * math.pi, "360 deg")] = 0.0
-    height: Annotated[float, _reads("m", "0 m"), _within(-12e3, 100e3, "-12 km and 100 km")] = 0.0
+    latitude: Annotated[float, takes("rad", "60 deg"), _within(-math.pi / 2, math.pi / 2, "90 deg")]
+    longitude: Annotated[float, takes("rad", "108 deg"), _within(-2 * math.pi, 2 * math.pi, "360 deg")] = 0.0
+    height: Annotated[float, takes("m", "0 m"), _within(-12e3, 100e3, "-12 km and 100 km")] = 0.0
     speed: Speed
-    heading: Annotated[float, _reads("rad", "90 deg")]
-    pitch: Annotated[float, _reads(*_DEG), _LEVEL] = 0.0
-    roll: Annotated[float, _reads(*_DEG), _LEVEL] = 0.0
+    heading: Annotated[float, takes("rad", "90 deg")]
+    pitch: Annotated[float, takes(*_DEG), _LEVEL] = 0.0
+    roll: Annotated[float, takes(*_DEG), _LEVEL] = 0.0
     path: Literal["rhumb", "great-circle"] = "rhumb"
     bank: Literal["level", "coordinated"] = "level"
     ease: Ease | None = None
@@ -272,7 +252,7 @@ def _unit_of(info: Any) -> str:
         *info.metadata,
         *(m for a in getattr(info.annotation, "__args__", ()) for m in getattr(a, "__metadata__", ())),
     ):
-        if isinstance(getattr(part, "func", None), _Reader):
+        if isinstance(getattr(part, "func", None), Reader):
             return str(part.func.unit)
     raise AssertionError(info)
 
