@@ -1,4 +1,4 @@
-"""Calibration of inertial sensors, with uncertainties that are true.
+"""Calibration of inertial sensors and alignment of inertial navigation systems, with uncertainties that are true.
 
 Names below are loaded on first use, so that ``import sagnac`` stays quick.
 """
@@ -11,21 +11,31 @@ from ._version import __version__
 from .errors import DataError, InputError, SagnacError
 
 if TYPE_CHECKING:
+    from .align.result import Alignment
+    from .align.result import load as load_alignment
     from .calibration import Calibration
     from .calibration import load as load_calibration
     from .compensation import apply
+    from .navigate.state import State
+    from .navigate.strapdown import Navigator
+    from .navigate.trajectory import Trajectory
     from .plan import Plan
     from .plan import load as load_plan
     from .recording import Recording, from_arrays, open_recording
     from .verification import Verification, verify
 
 _LAZY = {
+    "Alignment": ("align.result", "Alignment"),
     "Calibration": ("calibration", "Calibration"),
+    "Navigator": ("navigate.strapdown", "Navigator"),
     "Plan": ("plan", "Plan"),
     "Recording": ("recording", "Recording"),
+    "State": ("navigate.state", "State"),
+    "Trajectory": ("navigate.trajectory", "Trajectory"),
     "Verification": ("verification", "Verification"),
     "apply": ("compensation", "apply"),
     "from_arrays": ("recording", "from_arrays"),
+    "load_alignment": ("align.result", "load"),
     "load_calibration": ("calibration", "load"),
     "load_plan": ("plan", "load"),
     "open_recording": ("recording", "open_recording"),
@@ -33,16 +43,21 @@ _LAZY = {
 }
 
 __all__ = [
+    "Alignment",
     "Calibration",
     "DataError",
     "InputError",
+    "Navigator",
     "Plan",
     "Recording",
     "SagnacError",
+    "State",
+    "Trajectory",
     "Verification",
     "__version__",
     "apply",
     "from_arrays",
+    "load_alignment",
     "load_calibration",
     "load_plan",
     "open_recording",

@@ -152,6 +152,20 @@ def test_smoothing_gives_the_end_to_every_time():
     assert np.all(run.smoothed_sigmas <= run.sigmas * (1 + 1e-6))
 
 
+@pytest.mark.parametrize("azimuth", [30, 60])
+def test_a_wide_prior_costs_nothing_once_the_start_is_right(azimuth):
+    # the mounting is small, only nobody knew: the prior pulls towards zero with all of its 10, 10, 30 deg and is shouted down
+    wide = BASE.replace('["0.2 deg", "0.2 deg", "0.5 deg"]', f'["10 deg", "10 deg", "{azimuth} deg"]')
+    errors = np.radians([0.2, 0.2, 0.5]), np.zeros(3), np.zeros(3)
+    world = scene(config(S_TURN), seed=11, errors=errors, rate=50.0)
+    run = transfer(config(S_TURN, wide), world.slave, world.master, mounting=errors[0] + 1e-4)
+    known = transfer(config(S_TURN), world.slave, world.master)
+    assert run.used.mean() > 0.99
+    names = [run.names.index(f"misalignment.{a}") for a in "xyz"]
+    assert run.sigmas[-1, names] == pytest.approx(known.sigmas[-1, names], rel=0.02)
+    assert np.abs(run.values[-1, names] - known.values[-1, names]).max() < 0.2 * known.sigmas[-1, names].max()
+
+
 def test_mountings_of_tens_of_degrees_when_told_where_to_linearise():
     base = BASE.replace('["0.2 deg", "0.2 deg", "0.5 deg"]', '["20 deg", "20 deg", "40 deg"]')
     settings = config(S_TURN, base)

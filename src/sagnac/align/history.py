@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from .filter import Filter, Match
 
 STEADY = np.radians(3.0)
-"""Estimates of the attitude smaller than this are fed back."""
+"""Estimates of the attitude are fed back when they and their standard deviations are smaller than this. Before that, a start from a
+large mounting stays where it was linearised, until the readings speak louder than the prior, which is centred elsewhere."""
 _LOOK = 20
 """Updates from one look at the Gramian to the next."""
 OF_NAVIGATION = ("velocity", "attitude", "position", "height")
@@ -36,7 +37,8 @@ class Run:
         Of the states.
     time : ndarray, shape (m,), s
     values : ndarray, shape (m, n)
-        Parameters as estimated; errors of the navigation as they were taken out at this update (feedback), or those of the slave
+        Parameters as estimated; errors of the navigation as they were taken out at this update (feedback), or those of the
+        slave
         that has navigated on its own since the start (output). NaN in a covariance analysis.
     sigmas : ndarray, shape (m, n)
     covariance : ndarray, shape (n, n)
@@ -147,7 +149,8 @@ class History:
             self._observer.see(match.H, match.R)
         if len(self._times) % _LOOK == 0:
             self._observer.look(time)
-        steady = float(np.abs(filter_.x[s("attitude")]).max()) < STEADY
+        doubt = np.sqrt(filter_.P.diagonal()[s("attitude")])
+        steady = float(np.maximum(np.abs(filter_.x[s("attitude")]), doubt).max()) < STEADY
         x = filter_.feed_back() if steady else filter_.x.copy()
         if self._config.smooth:
             self._passed.append(Passed(filter_.phi.copy(), filter_.predicted.copy(), filter_.P.copy(), x))

@@ -19,7 +19,7 @@ from .commands_static import NAVIGATE_EXAMPLE, navigate
 
 app = typer.Typer(
     name="sagnac",
-    help="Calibrate inertial sensors and say how sure the result is.",
+    help="Calibrate inertial sensors, align and run inertial navigation systems, and say how sure the result is.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
