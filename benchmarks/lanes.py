@@ -157,7 +157,7 @@ def alignments():
         return monte_carlo(config, runs=RUNS, times=[SECONDS])
 
     def baseline():
-        one = Filter(config, states, start)
+        one = Filter(config, states, start, np.zeros(3), np.array([0.0, 0.0, 9.8]))
         for k, (east, north) in enumerate(piece.velocities):
             own = slice(k * chain.count, (k + 1) * chain.count)
             one.advance(piece.turns[own], piece.pushes[own], piece.steps[own], piece.heights[own])

@@ -159,6 +159,30 @@ def rotation_vector(matrix: Array) -> Array:
     return np.asarray(np.where(sine > 1e-9, 0.5 * angle / np.maximum(sine, 1e-9), 0.5)[..., None] * twice)
 
 
+def left_jacobian(vector: ArrayLike) -> Array:
+    """Left Jacobian Jl of the rotations: ``exp(v + d) = exp(Jl(v) d) exp(v)`` to first order in d.
+
+    The right one is ``Jl(-v) = Jl(v)'``.
+
+    Parameters
+    ----------
+    vector : array_like, shape (..., 3), rad
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        ``I + (1 - cos a) / a^2 [v x] + (a - sin a) / a^3 [v x]^2`` with a the length of v.
+    """
+    v = np.asarray(vector, dtype=float)
+    a2 = np.einsum("...i,...i->...", v, v)[..., None, None]
+    small = a2 < 1e-4
+    a = np.sqrt(np.where(small, 1.0, a2))
+    first = np.where(small, 0.5 - a2 / 24.0 * (1.0 - a2 / 30.0), 2.0 * (np.sin(0.5 * a) / a) ** 2)
+    second = np.where(small, 1.0 / 6.0 - a2 / 120.0 * (1.0 - a2 / 42.0), (a - np.sin(a)) / a**3)
+    across = skew(v)
+    return np.asarray(np.eye(3) + first * across + second * (across @ across))
+
+
 def skew(v: ArrayLike) -> Array:
     """Matrix of the cross product, ``skew(v) @ w == cross(v, w)``.
 

@@ -79,7 +79,7 @@ def scene(settings, seed=1, *, errors=None, rate=100.0, master_rate=10.0, noise=
     turns = exact.turns + gyro * dt + settings.noise.gyro * size * rng.standard_normal((n, 3))
     pushes = exact.pushes + accel * dt + settings.noise.accel * size * rng.standard_normal((n, 3))
     stamps = np.arange(int(course.duration * master_rate + 1e-9) + 1) / master_rate
-    true = course.state(np.maximum(stamps - delay, 0.0))
+    true = course.state(stamps - delay)  # courses are known from some seconds before their start
     velocity = true.velocity_enu + settings.noise.velocity * noise * rng.standard_normal((stamps.size, 3))
     tilt = (settings.noise.attitude or 0.0) * noise * (settings.matching != "velocity")
     attitude = true.C_b_n @ rotation_matrix(tilt * rng.standard_normal((stamps.size, 3)))

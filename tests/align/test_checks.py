@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scene as scenes
 from voyages import DEG, config, voyage
 
 from sagnac.align.checks import differences, timing
@@ -359,3 +360,13 @@ def test_a_slave_of_low_grade_passes():
         noise__velocity="0.05 m/s",
     )
     assert examine(y.slave, y.master, settings) == ([], [], 0.0)
+
+
+@pytest.mark.parametrize("matching", ["velocity", "velocity+attitude"])
+def test_a_late_master_that_is_to_be_estimated_does_not_jump(matching):
+    # the heading rate steps by 6 deg/s: 0.15 s late, that is a step of 0.9 deg between the two attitudes
+    more = scenes.BASE.replace("[initial]", '[initial]\ndelay = "0.2 s"')
+    settings = scenes.config(scenes.S_TURN, more, matching=matching)
+    world = scenes.scene(settings, seed=1, delay=0.15)
+    remarks, doubts, _ = examine(world.slave, world.master, settings)
+    assert not any("jump" in said for said in (*remarks, *doubts))

@@ -7,6 +7,8 @@ import numpy as np
 from sagnac.align.smoother import Passed, smooth
 from sagnac.kernels import kalman
 
+NONE = slice(0, 0)
+
 
 def problem(seed, first):
     """A linear system, its filter with feedback, and the batch solution of all states at once."""
@@ -29,7 +31,7 @@ def problem(seed, first):
         kalman.update(x, P, H, R, y - H @ estimate)
         estimate = estimate + x
         estimates.append(estimate)
-        passed.append(Passed(T, predicted, P.copy(), x))
+        passed.append(Passed(T, predicted, P.copy(), np.zeros(n), x, True))
         blocks.append((T, Q, H, R, y))
     return passed, np.array(estimates), batch(first, blocks)
 
@@ -63,7 +65,7 @@ def test_smoothing_is_the_batch_solution():
         root = rng.standard_normal((4, 4))
         first = root @ root.T + 0.1 * np.eye(4)
         passed, filtered, (expected, sigma) = problem(seed, first)
-        corrections, sigmas = smooth(first, passed)
+        corrections, sigmas = smooth(passed, NONE, NONE)
         assert np.allclose(filtered + corrections, expected, rtol=1e-7, atol=1e-8)
         assert np.allclose(sigmas, sigma, rtol=1e-6)
         assert np.array_equal(corrections[-1], np.zeros(4))
@@ -74,7 +76,10 @@ def test_a_state_that_copies_another_is_no_obstacle():
     first = np.ones((2, 2))
     T = np.eye(2)
     updated = np.full((2, 2), 0.25)
-    passed = [Passed(T, first, updated, np.full(2, 0.3)), Passed(T, updated, 0.5 * updated, np.full(2, 0.1))]
-    corrections, sigmas = smooth(first, passed)
+    passed = [
+        Passed(T, first, updated, np.zeros(2), np.full(2, 0.3), True),
+        Passed(T, updated, 0.5 * updated, np.zeros(2), np.full(2, 0.1), True),
+    ]
+    corrections, sigmas = smooth(passed, NONE, NONE)
     assert np.allclose(corrections[0], 0.1, atol=1e-9)  # nothing drives them: what is found later was true before
     assert np.allclose(sigmas, np.sqrt(0.125), atol=1e-9)

@@ -69,7 +69,9 @@ def test_a_lane_is_the_filter_for_one(method):
     for i in range(2):
         numbers = first[i]
         C_b_w, C_e_w = Rotation.from_quat(numbers[:4]).as_matrix(), numbers[7:16].reshape(3, 3)
-        one = Filter(config, states, State(C_b_w, numbers[4:7], C_e_w, numbers[16]))
+        # rate and force at the start are only for a delay or a lever arm
+        start = State(C_b_w, numbers[4:7], C_e_w, numbers[16])
+        one = Filter(config, states, start, np.zeros(3), np.array([0.0, 0.0, 9.8]))
         time = 0.0
         for piece in pieces:
             for k, velocity in enumerate(piece.velocities):

@@ -56,6 +56,7 @@ _DEG = ("rad", "0.2 deg")
 
 Time = Annotated[float, takes("s", "0.1 s")]
 Interval = Annotated[float, takes("s", "0.1 s"), ABOVE_ZERO, _up_to(3600.0, "an hour")]
+Update = Annotated[float, takes("s", "0.1 s"), ABOVE_ZERO, _up_to(5.0, "5 s, over which errors do not grow linearly")]
 Length = Annotated[float, takes("m", "1.5 m")]
 AngleSize = Annotated[float, takes(*_DEG), SIZE, _up_to(math.pi, "180 deg")]
 LengthSize = Annotated[float, takes("m", "0.1 m"), SIZE]
@@ -156,7 +157,7 @@ class Config(_Record):
     matching: Literal["velocity", "velocity+attitude"] = "velocity"
     states: Literal["short", "full"] = "short"
     correction: Literal["feedback", "output"] = "feedback"
-    update_interval: Interval = 0.1
+    update_interval: Update = 0.1
     lever_arm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
     gate: float = 0.9999
     latency: Time = 0.0

@@ -13,7 +13,6 @@ import numpy as np
 from ..earth import ELLIPSOID
 from ..errors import InputError
 from ..frames import Array
-from ..navigate import wander
 from ..navigate.state import State
 from . import model
 from .history import Run, angle_sigmas, innovation_names
@@ -55,7 +54,9 @@ def covariance(config: Config) -> Run:
     times = np.asarray(config.update_interval * np.arange(count + 1.0), dtype=np.float64)
     model.refuse_poles(config, course.state(times).place[0], "[trajectory]")
     start = course.state(times[:1])
-    first = model.prior(config, states, _frames(states, start)[0] @ start.C_b_w[0], float(start.height[0]))
+    instant = _instants(config, states, course, times[:1], config.update_interval)
+    at_start = model.Instant(*(getattr(instant, name)[0] for name in instant.__dataclass_fields__))
+    first = model.prior(config, states, at_start, float(start.height[0]))
     P, observer = first.copy(), Observer(first, states.names)
     found = []
     for i in range(0, times.size - 1, _PIECE):
@@ -95,6 +96,25 @@ def _apply(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.einsum("mij,mj->mi", matrices, vectors))
 
 
+def _instants(config: Config, states: model.Layout, course: Trajectory, times: Array, interval: float) -> model.Instant:
+    """What measurements at times are linearised at; the acceleration is the mean over the interval around, or before the end."""
+    at = course.state(times)
+    frame = _frames(states, at)
+    C = frame @ at.C_b_w
+    rate = course.inputs(times)[1] - config.earth_rate * _apply(np.swapaxes(at.C_b_w, 1, 2), at.C_e_w[:, :, 2])
+    ends = [np.clip(times + side * 0.5 * interval, 0.0, course.duration) for side in (-1.0, 1.0)]
+    velocities = [_apply(_frames(states, s), s.velocity) for s in map(course.state, ends)]
+    count = times.size
+    return model.Instant(
+        C,
+        _apply(frame, at.velocity),
+        (velocities[1] - velocities[0]) / (ends[1] - ends[0])[:, None],
+        rate,
+        np.zeros((count, 3)),
+        np.broadcast_to(np.array(config.lever_arm), (count, 3)),
+    )
+
+
 def _follow(
     config: Config, states: model.Layout, course: Trajectory, times: Array, P: Array, observer: Observer
 ) -> tuple[Array, Array, Array, Array]:
@@ -102,23 +122,12 @@ def _follow(
     from ..kernels.covariance import follow
 
     steps, middle = np.diff(times), 0.5 * (times[1:] + times[:-1])
-    inside, ends = course.state(middle), course.state(times)
+    inside, after = course.state(middle), course.state(times[1:])
     frame = _frames(states, inside)
     C = frame @ inside.C_b_w
     force = _apply(C, course.inputs(middle)[0])
-    after = State(ends.C_b_w[1:], ends.velocity[1:], ends.C_e_w[1:], ends.height[1:])
-    velocities = _apply(_frames(states, ends), ends.velocity)
-    own = wander.transport_rate(after.C_e_w, after.velocity, after.height) + config.earth_rate * after.C_e_w[:, :, 2]
-    rate = course.inputs(times[1:])[1] - _apply(np.swapaxes(after.C_b_w, 1, 2), own)
+    now = _instants(config, states, course, times[1:], config.update_interval)
     count, n = steps.size, len(states)
-    now = model.Instant(
-        _frames(states, after) @ after.C_b_w,
-        velocities[1:],
-        np.diff(velocities, axis=0) / steps[:, None],
-        rate,
-        np.zeros((count, 3)),
-        np.broadcast_to(np.array(config.lever_arm), (count, 3)),
-    )
     attitude = config.matching == "velocity+attitude"
     noise = config.noise
     R = np.array([noise.velocity**2] * int(states.at[1]) + [(noise.attitude or 0.0) ** 2] * (3 * attitude))
@@ -138,7 +147,7 @@ def _follow(
         model.measurement(states, now, attitude),
         R,
         model.driving_noise(config, states),
-        model.north_errors(states, after.C_w_n),
+        model.north_errors(states, after.C_w_n, after.place[0]),
         P,
         observer.transition,
         observer.gramian,
@@ -147,4 +156,5 @@ def _follow(
     )
     angles = np.stack(after.angles, axis=1)
     places = np.stack([*after.place[:2], after.height], axis=1)
+    sigmas = model.reported(config, states, sigmas**2, float(places[0, 2]))
     return sigmas, angles, angle_sigmas(after.C_b_n, tilts), places

@@ -10,13 +10,14 @@ samples of the slave,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..earth import ELLIPSOID, normal_gravity
+from ..earth import ELLIPSOID, normal_gravity, radii
 from ..errors import DataError
-from ..frames import Array, cross, rotation_matrix, rotation_vector, skew
+from ..frames import Array, cross, left_jacobian, rotation_matrix, rotation_vector
 from ..kernels import error_model, kalman
 from ..navigate import wander
 from ..navigate.state import State
@@ -85,6 +86,8 @@ class Filter:
     states : sagnac.align.model.Layout
     start : State
         Of the slave, with the master's attitude turned by `mounting`.
+    rate, force : ndarray, shape (3,), rad/s and m/s^2
+        What the slave's sensors read then.
     mounting : ndarray, shape (3,), rad, optional
         Where to linearise first; the prior stays centred at zero.
 
@@ -100,7 +103,15 @@ class Filter:
         Transition over the last interval, and the covariance at its end before the update.
     """
 
-    def __init__(self, config: Config, states: model.Layout, start: State, mounting: Array | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        states: model.Layout,
+        start: State,
+        rate: Array,
+        force: Array,
+        mounting: Array | None = None,
+    ) -> None:
         self._config, self.states = config, states
         self._rate = config.earth_rate
         latitude = float(start.place[0])
@@ -113,18 +124,24 @@ class Filter:
         self.values = np.zeros(n)
         self.values[states.block("lever")] = config.lever_arm if "lever" in states.blocks else []
         self._lever = np.array(config.lever_arm)
-        C = self._frame(start) @ start.C_b_w
-        self.P = model.prior(config, states, C, height)
+        if mounting is not None:
+            self.values[states.block("mounting")] = mounting
+        earth = self._rate * start.C_e_w[:, 2]
+        over = wander.transport_rate(start.C_e_w, start.velocity, start.height)
+        gained = start.C_b_w @ force - np.cross(2.0 * earth + over, start.velocity)
+        gained[2] -= normal_gravity(latitude, height) + excess
+        self._turning = rate - start.C_b_w.T @ earth
+        self._accelerating = self._frame(start) @ gained
+        now = self._instant(start)
+        self.P = model.prior(config, states, now, height)
         self.x = np.zeros(n)
         if mounting is not None:
-            self._relinearise(mounting, C)
+            self._relinearise(mounting, now)
         self._noise = model.driving_noise(config, states)
         self._still = np.zeros((n, n))
         model.complete(config, states, self._still)
         self._F, self.phi, self._room = np.zeros((n, n)), np.eye(n), np.empty((n, n))
         self.predicted = self.P.copy()
-        self._turning = np.zeros(3)
-        self._accelerating = np.zeros(3)
 
     def _navigator(self, start: State) -> Navigator:
         return Navigator(
@@ -144,20 +161,36 @@ class Filter:
         """Takes coordinates in w to the frame of the errors."""
         return state.C_w_n if self.states.geographic else np.eye(3)
 
-    def _relinearise(self, mounting: Array, C: Array) -> None:
+    def _relinearise(self, mounting: Array, now: model.Instant) -> None:
         """Start with a mounting m of which the prior knows nothing, ``exp(mu) = exp(m) exp(d)``.
 
         The prior is on mu, ``mu = m + Jr(m)^-1 d`` where the filter will end: d has the mean ``-m`` (``Jr(m) m = m``) and the
-        covariance ``Jr P Jr'``.
+        covariance ``Jr P Jr'``; the first attitude and velocity error follow, as they do in the prior.
         """
         where, attitude = self.states.block("mounting"), self.states.block("attitude")
-        self.values[where] = mounting
-        self.x[where] = -mounting
-        self.x[attitude] = -C @ mounting
-        both = np.eye(len(self.x))
-        both[where, where] = left_jacobian(mounting).T
-        both[attitude, attitude] = C @ both[where, where] @ C.T
+        rows = int(self.states.at[1])
+        H = model.measurement(self.states, now, True)
+        both, mean = np.eye(len(self.x)), np.zeros(len(self.x))
+        turn = left_jacobian(mounting).T
+        both[where, where] = turn
+        for first, H_ in ((attitude, H[rows:]), (self.states.block("velocity"), H[:rows])):
+            both[first, where] = -H_[:, where] @ (turn - np.eye(3))
+        mean[where] = -mounting
+        mean[attitude], mean[self.states.block("velocity")] = -H[rows:] @ mean, -H[:rows] @ mean
+        self.x = mean
         self.P = both @ self.P @ both.T
+
+    def _instant(self, state: State) -> model.Instant:
+        """What a measurement at a state is linearised at."""
+        frame = self._frame(state)
+        return model.Instant(
+            frame @ state.C_b_w,
+            frame @ state.velocity,
+            self._accelerating,
+            self._turning,
+            self._mounted(),
+            self.lever,
+        )
 
     @property
     def state(self) -> State:
@@ -230,8 +263,7 @@ class Filter:
         last = turns[-1] / steps[-1]
         if turns.shape[0] > 1:  # the rate at the end, not in the middle of the last sample
             last = 1.5 * last - 0.5 * turns[-2] / steps[-2]
-        own = wander.transport_rate(after.C_e_w, after.velocity, after.height) + self._rate * after.C_e_w[:, 2]
-        self._turning = last - after.C_b_w.T @ own
+        self._turning = last - after.C_b_w.T @ (self._rate * after.C_e_w[:, 2])
 
     def bridged(self, turned: Array, pushed: Array) -> None:
         """Widen the covariance by what may have happened in a gap: rotation and velocity, (3,), rad and m/s, one sigma, in b."""
@@ -254,15 +286,7 @@ class Filter:
             Whether its attitude is matched too.
         """
         state = self.state
-        C = self._frame(state) @ state.C_b_w
-        now = model.Instant(
-            C,
-            self._frame(state) @ state.velocity,
-            self._accelerating,
-            self._turning,
-            self._mounted(),
-            self.lever,
-        )
+        now = self._instant(state)
         y = self._difference(state, now, reference, attitude)
         H = model.measurement(self.states, now, attitude)
         noise = self._config.noise
@@ -340,12 +364,14 @@ class Filter:
     def _mounted(self) -> Array:
         """Rotation from the slave's axes to the master's, shape (3,), with the flexure in use."""
         mounting, flexure = self.values[self.states.block("mounting")], self.values[self.states.block("flexure")]
-        return mounting + flexure if flexure.size else mounting
+        if not flexure.size:
+            return mounting
+        return rotation_vector(rotation_matrix(mounting) @ rotation_matrix(flexure))
 
     def _difference(self, state: State, now: model.Instant, reference: Reference, attitude: bool) -> Array:
         """Slave less master, in the frame of the errors, with lever arm and mounting as they are in use."""
         if self.states.geographic:
-            to_frame = np.eye(3)
+            to_frame = parted(state, now.C @ rotation_matrix(now.mounting).T @ self.lever)
         else:
             to_frame = state.C_e_w @ wander.direction_cosines(reference.latitude, reference.longitude).T
         turned = rotation_matrix(now.mounting)
@@ -359,23 +385,25 @@ class Filter:
         return np.concatenate([out, -rotation_vector(error)])
 
 
-def left_jacobian(vector: Array) -> Array:
-    """Jl of SO(3), shape (3, 3): ``exp(v + d) = exp(Jl(v) d) exp(v)`` to first order in d, shape (3,)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-6:
-        return np.asarray(np.eye(3) + 0.5 * skew(vector))
-    axis = skew(vector) / angle
-    return np.asarray(np.eye(3) + (1.0 - np.cos(angle)) / angle * axis + (1.0 - np.sin(angle) / angle) * (axis @ axis))
+def parted(state: State, offset: Array) -> Array:
+    """How east, north, up turn over a short way, shape (3, 3): takes their coordinates at its beginning to those at its end.
+
+    Parameters
+    ----------
+    state : State
+        At its end.
+    offset : ndarray, shape (3,), m
+        The way, in east, north, up.
+    """
+    latitude, height = state.place[0], state.height
+    meridian, normal = radii(latitude)
+    east = offset[0] / (normal + height)
+    return rotation_matrix([offset[1] / (meridian + height), -east, -east * np.tan(latitude)])
 
 
+@lru_cache(maxsize=16)
 def _threshold(probability: float, rows: int) -> float:
     """Chi-square quantile."""
-    key = probability, rows
-    if key not in _THRESHOLDS:
-        from scipy.stats import chi2
+    from scipy.stats import chi2
 
-        _THRESHOLDS[key] = float(chi2.ppf(probability, rows))
-    return _THRESHOLDS[key]
-
-
-_THRESHOLDS: dict[tuple[float, int], float] = {}
+    return float(chi2.ppf(probability, rows))

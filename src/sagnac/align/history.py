@@ -12,15 +12,15 @@ from ..navigate.state import State
 from ..navigate.strapdown import Navigator
 from . import model
 from .observability import Observability, Observer
-from .smoother import Passed, smooth
+from .smoother import Passed, added, smooth
 
 if TYPE_CHECKING:
     from .config import Config
     from .filter import Filter, Match
 
 STEADY = np.radians(3.0)
-"""Estimates of the attitude are fed back when they and their standard deviations are smaller than this. Before that, a start from a
-large mounting stays where it was linearised, until the readings speak louder than the prior, which is centred elsewhere."""
+"""Estimates of the attitude are fed back when they and their standard deviations are smaller than this. Before that, a start
+from a large mounting stays where it was linearised: the prior is centred elsewhere, and has to be shouted down first."""
 _LOOK = 20
 """Updates from one look at the Gramian to the next."""
 OF_NAVIGATION = ("velocity", "attitude", "position", "height")
@@ -130,7 +130,7 @@ class History:
     def __init__(self, config: Config, filter_: Filter, raw: Navigator | None) -> None:
         self._config, self._filter, self._raw = config, filter_, raw
         self._states = filter_.states
-        self._first = filter_.P.copy()
+        self._held = filter_.x.copy()
         self._observer = Observer(filter_.P, filter_.states.names)
         self._times: list[float] = []
         self._values: list[Array] = []
@@ -153,15 +153,17 @@ class History:
         steady = float(np.maximum(np.abs(filter_.x[s("attitude")]), doubt).max()) < STEADY
         x = filter_.feed_back() if steady else filter_.x.copy()
         if self._config.smooth:
-            self._passed.append(Passed(filter_.phi.copy(), filter_.predicted.copy(), filter_.P.copy(), x))
-        values = filter_.values + (0.0 if steady else x)
+            mean = filter_.phi @ self._held
+            self._passed.append(Passed(filter_.phi.copy(), filter_.predicted.copy(), filter_.P.copy(), mean, x, steady))
+        self._held = np.zeros_like(x) if steady else x
+        values = added(filter_.values, self._held, s("attitude"), s("mounting"))
         errors = x if self._raw is None else filter_.less(self._raw.state)
         for block in OF_NAVIGATION:
             values[s(block)] = errors[s(block)]
         state = filter_.state
         self._times.append(time)
         self._values.append(values)
-        self._sigmas.append(np.sqrt(filter_.P.diagonal()))
+        self._sigmas.append(model.reported(self._config, self._states, filter_.P.diagonal(), float(state.height)))
         self._attitudes.append(state.C_b_n)
         self._tilts.append(self._tilt(state))
         self._places.append(np.array([*state.place[:2], state.height]))
@@ -169,7 +171,7 @@ class History:
 
     def _tilt(self, state: State) -> Array:
         """Covariance of the attitude error in east, north, up."""
-        pick = model.north_errors(self._states, state.C_w_n)
+        pick = model.north_errors(self._states, state.C_w_n, state.place[0])
         return np.asarray(pick @ self._filter.P @ pick.T)
 
     def run(self, skipped: tuple[tuple[float, float, str], ...]) -> Run:
@@ -182,8 +184,9 @@ class History:
         values = np.stack(self._values)
         smoothed, smoothed_sigmas = None, None
         if self._config.smooth:
-            corrections, smoothed_sigmas = smooth(self._first, self._passed)
-            smoothed = values + corrections
+            where = states.block("attitude"), states.block("mounting")
+            corrections, smoothed_sigmas = smooth(self._passed, *where)
+            smoothed = np.stack([added(v, c, *where) for v, c in zip(values, corrections, strict=True)])
         return Run(
             states.names,
             states.units,

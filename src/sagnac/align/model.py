@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..earth import ELLIPSOID
 from ..errors import InputError
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
 _AXES = ("x", "y", "z")
 _POLAR = np.radians(89.0)
+_LOGGED = 0.1
+"""m: how well the slave's position is at first the one of the master's log, lever arm added. The states of the position are those
+against the log, whatever the log's own error: it is the same for both."""
 _MARKOV_2 = 2.146
 """Second-order Markov process: its rate is this over the correlation time (Gelb, *Applied Optimal Estimation*, table 2.2-1)."""
 
@@ -157,23 +161,26 @@ def refuse_poles(config: Config, latitude: Array, name: str) -> None:
         )
 
 
-def prior(config: Config, states: Layout, C: Array, height: float) -> Array:
+def prior(config: Config, states: Layout, now: Instant, height: float) -> Array:
     """Covariance at the start, (n, n), in SI.
+
+    The slave takes its attitude and velocity from the master's log with the mounting, lever arm and delay in use: what is wrong
+    with them is in the first attitude and velocity error from the beginning. The start is a measurement without a difference,
+    ``H x = 0``, which gives both errors as combinations of the other states; on top of it comes what else is stated of them.
 
     Parameters
     ----------
     config : Config
     states : Layout
-    C : ndarray, shape (3, 3)
-        Attitude of the slave at the start, in the frame of the errors.
+    now : Instant
+        The slave at the start.
     height : float, m
     """
     first = config.initial
-    n = len(states)
-    sigma = np.zeros(n)
+    s = states.block
+    sigma = np.zeros(len(states))
     radius = ELLIPSOID[0] + height
     for block, value in (
-        ("velocity", first.velocity),
         ("mounting", first.misalignment),
         ("gyro", first.gyro_bias),
         ("accel", first.accel_bias),
@@ -181,27 +188,46 @@ def prior(config: Config, states: Layout, C: Array, height: float) -> Array:
         ("lever", first.lever_arm),
         ("delay", first.delay),
     ):
-        where = states.block(block)
+        where = s(block)
         if value is not None and where.stop:
             sigma[where] = np.broadcast_to(value, (3,))[: where.stop - where.start] if np.ndim(value) else value
-    where = states.block("position")
-    turned = where.stop - where.start
-    sigma[where] = [*[first.position / radius] * (turned - turned % 2), *[first.wander] * (turned % 2)]
+    turned = s("position").stop - s("position").start
+    sigma[s("position")] = [*[_LOGGED / radius] * (turned - turned % 2), *[first.wander] * (turned % 2)]
     if config.flexure is not None:
         beta = _MARKOV_2 / config.flexure.time
-        sigma[states.block("flexure")] = config.flexure.sigma
-        sigma[states.block("flexure_rate")] = beta * np.asarray(config.flexure.sigma)
+        sigma[s("flexure")] = config.flexure.sigma
+        sigma[s("flexure_rate")] = beta * np.asarray(config.flexure.sigma)
     spread = np.diag(sigma)
-    attitude = states.block("attitude")
-    spread[attitude, states.block("mounting")] = C * sigma[states.block("mounting")]
-    if config.flexure is not None:
-        spread[attitude, states.block("flexure")] = C * sigma[states.block("flexure")]
+    H, rows = measurement(states, now, True), int(states.at[1])
+    attitude, velocity = s("attitude"), s("velocity")
+    spread[attitude] = -H[rows:] @ spread
+    spread[velocity] = -H[:rows] @ spread
     out = spread @ spread.T
+    out[velocity, velocity] += first.velocity**2 * np.eye(rows)
     if config.matching == "velocity+attitude":
         # the attitude that the slave starts with is one reading of the master's; with velocities alone the mounting is told
         # against that reading, as nothing can tell it from the master's true attitude
         out[attitude, attitude] += (config.noise.attitude or 0.0) ** 2 * np.eye(3)
     return np.asarray(out)
+
+
+def reported(config: Config, states: Layout, variance: Array, height: float) -> Array:
+    """Standard deviations of the states, with that of the master's own position in those of the position.
+
+    Parameters
+    ----------
+    config : Config
+    states : Layout
+    variance : ndarray, shape (..., n)
+        Of the states, in which the position is the slave's against the master's log.
+    height : float, m
+    """
+    total = np.maximum(variance, 0.0)
+    if config.states == "full":
+        total = total.copy()
+        where = states.block("position")
+        total[..., where.start : where.start + 2] += (config.initial.position / (ELLIPSOID[0] + height)) ** 2
+    return np.asarray(np.sqrt(total))
 
 
 def driving_noise(config: Config, states: Layout) -> Array:
@@ -242,7 +268,7 @@ class Instant:
     velocity, acceleration : ndarray, shape (..., 3), m/s and m/s^2
         Over the Earth, in the frame; of the velocity's components.
     rate : ndarray, shape (..., 3), rad/s
-        Of the slave against the frame, in its own axes.
+        Of the slave over the Earth, in its own axes.
     mounting : ndarray, shape (..., 3), rad
     lever : ndarray, shape (..., 3), m
         From master to slave, in the master's axes.
@@ -275,8 +301,7 @@ def measurement(states: Layout, now: Instant, attitude: bool) -> Array:
     -----
     In the wander form the master's velocity and attitude are brought to the slave's own computed frame; an error theta of that
     frame is in the difference, ``dv - v x theta`` and ``phi - C mu - theta``. In the geographic form both are taken in east,
-    north, up
-    as each one computes it.
+    north, up as each one computes it, the master's turned by what north turns over the lever arm.
     """
     rows = states.at[1]
     H = np.zeros((*now.C.shape[:-2], rows + 3 * attitude, len(states)))
@@ -323,24 +348,32 @@ def _attitude_rows(states: Layout, now: Instant, axes: Array, H: Array) -> None:
         H[..., s("delay")] = -np.einsum("...ij,...j->...i", now.C, now.rate)[..., None]
 
 
-def north_errors(states: Layout, C_w_n: Array) -> Array:
-    """Matrix that takes the states to the attitude error Phi in east, north, up: what turned the computed frame is taken off.
+def north_errors(states: Layout, C_w_n: Array, latitude: ArrayLike) -> Array:
+    """Matrix that takes the states to the attitude error Phi in east, north, up.
 
     Parameters
     ----------
     states : Layout
     C_w_n : ndarray, shape (..., 3, 3)
+    latitude : array_like, shape (...), rad
 
     Returns
     -------
     ndarray, shape (..., 3, n)
-        In the wander form ``Phi = C_w_n (phi - theta)`` (Huang et al. 2011: the heading error is not phi_z); in the
-        geographic one
-        the states themselves.
+        In the wander form ``Phi = C_w_n (phi - theta) + psi``: theta is what turned the computed wander frame, and
+        ``psi = (theta_E, theta_N, theta_N tan L)`` what turned the computed east, north, up with the position; in the short form,
+        with the position known, theta is the wander error alone (Huang et al. 2011: the heading error is not phi_z). In the
+        geographic form the states themselves.
     """
     pick = np.zeros((*C_w_n.shape[:-2], 3, len(states)))
     pick[..., states.block("attitude")] = np.eye(3)
     if states.geographic:
         return pick
-    pick[..., states.block("position")] = -_turned_axes(states)
-    return np.asarray(C_w_n @ pick)
+    where = states.block("position")
+    pick[..., where] = -_turned_axes(states)
+    pick = np.asarray(C_w_n @ pick)
+    if states.at[4] > 1:
+        psi = C_w_n.copy()
+        psi[..., 2, :] = psi[..., 1, :] * np.tan(np.asarray(latitude))[..., None]
+        pick[..., where] += psi
+    return pick

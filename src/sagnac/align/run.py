@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..earth import radii
+from ..earth import earth_rate_enu, radii
 from ..errors import InputError
 from ..frames import Array, rotation_matrix
 from ..navigate.state import State
 from . import model
-from .filter import Filter, Reference
+from .filter import Filter, Reference, parted
 from .history import History, Run
 from .samples import Feed, Slave
 
@@ -54,8 +54,9 @@ def transfer(
     first, samples = _chosen(config, slave, master, stamps)
     gaps = slave.gaps()
     model.refuse_poles(config, master.latitude, master.name)
-    start = _start(config, slave, master, first, float(stamps[first]), mounting)
-    filter_ = Filter(config, model.layout_of(config), start, mounting)
+    rate, force = _felt(slave, float(stamps[first]))
+    start = _start(config, master, first, rate, mounting)
+    filter_ = Filter(config, model.layout_of(config), start, rate, force, mounting)
     walk = _Walk(config, slave, master, stamps, gaps, filter_, float(stamps[first]))
     history = History(config, filter_, walk.raw)
     attitude = config.matching == "velocity+attitude"
@@ -130,30 +131,36 @@ def _chosen(config: Config, slave: Slave, master: Master, stamps: Array) -> tupl
     return int(inside[0]), out
 
 
-def _start(config: Config, slave: Slave, master: Master, k: int, time: float, mounting: Array | None) -> State:
+def _felt(slave: Slave, time: float) -> tuple[Array, Array]:
+    """Rate and specific force of the slave, (3,) each, over the first tenth of a second."""
+    first, last = np.searchsorted(slave.time[1:], [time + 1e-9, time + 0.1])
+    part = slice(first, max(last, first + 1))
+    span = slave.steps[part].sum()
+    return slave.turns[part].sum(axis=0) / span, slave.pushes[part].sum(axis=0) / span
+
+
+def _start(config: Config, master: Master, k: int, rate: Array, mounting: Array | None) -> State:
     """Of the slave: the master's position, velocity and attitude, moved over the lever arm."""
     if master.attitude is None:
         raise InputError(
             f"{master.name}: heading, pitch and roll are missing: the slave starts with the master's attitude"
         )
-    C_m_n = master.attitude[k]
-    first, last = np.searchsorted(slave.time[1:], [time, time + 0.1])
-    part = slice(first, max(last, first + 1))
-    rate = slave.turns[part].sum(axis=0) / slave.steps[part].sum()
+    C_m_n, latitude = master.attitude[k], float(master.latitude[k])
     turned = np.eye(3) if mounting is None else rotation_matrix(mounting)
     lever = np.array(config.lever_arm)
     shift = C_m_n @ lever
-    meridian, normal = radii(master.latitude[k])
+    meridian, normal = radii(latitude)
     height = master.height[k] + shift[2]
-    return State.at(
-        master.latitude[k] + shift[1] / (meridian + height),
-        master.longitude[k] + shift[0] / ((normal + height) * np.cos(master.latitude[k]))
-        if lever.any()
-        else master.longitude[k],
-        height,
-        master.velocity[k] + C_m_n @ np.cross(turned @ rate, lever),
-        C_m_n @ turned,
+    longitude = float(master.longitude[k])
+    if lever.any():
+        longitude += shift[0] / ((normal + height) * np.cos(latitude))
+    there = latitude + shift[1] / (meridian + height)
+    carried = master.velocity[k] + C_m_n @ np.cross(
+        turned @ rate - C_m_n.T @ earth_rate_enu(latitude, config.earth_rate), lever
     )
+    at_master = State.at(there, longitude, height, carried, C_m_n @ turned)
+    turn = parted(at_master, shift)
+    return State.at(there, longitude, height, turn @ carried, turn @ C_m_n @ turned)
 
 
 def _reference(master: Master, k: int) -> Reference:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..frames import Array
+from ..frames import Array, left_jacobian, rotation_matrix, rotation_vector
 
 
 @dataclass(frozen=True)
@@ -17,49 +17,79 @@ class Passed:
     ----------
     transition : ndarray, shape (n, n)
     predicted, updated : ndarray, shape (n, n)
-        Covariances before and after the update.
-    correction : ndarray, shape (n,)
-        Mean after the update less the prediction: what was fed back, or would have been.
+        Covariances before and after the update (and the feedback).
+    mean, estimate : ndarray, shape (n,)
+        Of the errors of the values in use, before and after the update.
+    fed_back : bool
+        Whether the estimate was then taken out of them.
     """
 
     transition: Array
     predicted: Array
     updated: Array
-    correction: Array
+    mean: Array
+    estimate: Array
+    fed_back: bool
 
 
-def smooth(first: Array, passed: list[Passed]) -> tuple[Array, Array]:
+def smooth(passed: list[Passed], attitude: slice, mounting: slice) -> tuple[Array, Array]:
     """Corrections to the filter's results by what came later.
 
-    With feedback the mean at each update is zero and the prediction of the next one too, so that what the next update and all
-    later ones
-    found is its correction and theirs: ``d_k = G_k (c_(k+1) + d_(k+1))``, ``G_k = P_k T' P_(k+1|k)^-1``
-    (Rauch, Tung & Striebel 1965, AIAA Journal 3, equation 3.28).
+    With e the errors that all data find, against the values in use before the feedback, ``d_k = G_k (e_(k+1) - m_(k+1))``,
+    ``G_k = P_k T' P_(k+1|k)^-1`` (Rauch, Tung & Striebel 1965, AIAA Journal 3, equation 3.28), m the predicted mean. After a
+    feedback x the rest d is told against new values: ``e = x + d`` for what adds, ``exp(e) = exp(d) exp(x)`` for the attitude and
+    ``exp(e) = exp(x) exp(d)`` for the mounting.
 
     Parameters
     ----------
-    first : ndarray, shape (n, n)
-        Covariance at the start.
     passed : list of Passed
         In order of time.
+    attitude, mounting : slice
+        Where they are in the states.
 
     Returns
     -------
     corrections, sigmas : ndarray, shape (m, n)
-        To be added to the estimate after each update, and the standard deviations of the sum.
+        What is to be added to the estimate after each update (see :func:`added`), and the standard deviations of the sum.
     """
-    count, n = len(passed), first.shape[0]
+    count, n = len(passed), passed[0].mean.size
     corrections, sigmas = np.zeros((count, n)), np.empty((count, n))
     covariance = passed[-1].updated
     sigmas[-1] = np.sqrt(np.diag(covariance))
     for k in range(count - 2, -1, -1):
         later, now = passed[k + 1], passed[k]
         gain = _gain(now.updated, later.transition, later.predicted)
-        corrections[k] = gain @ (later.correction + corrections[k + 1])
+        if later.fed_back:
+            found = added(later.estimate, corrections[k + 1], attitude, mounting)
+            covariance = _turned_back(covariance, later.estimate, attitude, mounting)
+        else:
+            found = later.estimate + corrections[k + 1]
+        corrections[k] = gain @ (found - later.mean)
         covariance = now.updated + gain @ (covariance - later.predicted) @ gain.T
         covariance = 0.5 * (covariance + covariance.T)
         sigmas[k] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return corrections, sigmas
+
+
+def added(first: Array, then: Array, attitude: slice, mounting: slice) -> Array:
+    """Two corrections one after the other, (n,) each: sums, but for the rotations."""
+    out = first + then
+    for where, one, other in ((attitude, then, first), (mounting, first, then)):
+        if out[where].size:
+            out[where] = rotation_vector(rotation_matrix(one[where]) @ rotation_matrix(other[where]))
+    return np.asarray(out)
+
+
+def _turned_back(covariance: Array, x: Array, attitude: slice, mounting: slice) -> Array:
+    """Covariance of errors against the values before a feedback, given that against the values after it."""
+    out = covariance.copy()
+    for where, turned in ((attitude, x[attitude]), (mounting, -x[mounting])):
+        if not turned.size:
+            continue
+        back = np.linalg.inv(left_jacobian(turned))
+        out[where] = back @ out[where]
+        out[:, where] = out[:, where] @ back.T
+    return out
 
 
 def _gain(updated: Array, transition: Array, predicted: Array) -> Array:

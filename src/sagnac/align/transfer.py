@@ -75,6 +75,11 @@ def transfer(
     found = run.transfer(settings, samples, log, mounting=mounting, progress=progress)
     innovations, more = verdict.judge(found, settings, doubts)
     more += verdict.beyond_prior(found, settings)
+    if settings.states == "full" and settings.gravity is None:
+        more.append(
+            "gravity is not given: what the site's own differs from the normal one by, some 30 mGal (30 ug), is in "
+            "accel.bias.z and not in its uncertainty; write gravity = the measured value"
+        )
     stamps = log.time - settings.latency
     start = float(stamps[np.searchsorted(stamps, samples.time[0] - 1e-9)])
     result = of_run(

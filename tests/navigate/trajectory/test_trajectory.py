@@ -14,12 +14,12 @@ from scipy.integrate import quad
 
 from sagnac.earth import EARTH_RATE, ELLIPSOID, normal_gravity, radii
 from sagnac.errors import InputError
-from sagnac.frames import Array, rotation_matrix, rotation_vector
+from sagnac.frames import Array, left_jacobian, rotation_matrix, rotation_vector
 from sagnac.navigate.state import State
 from sagnac.navigate.strapdown import integrate
 from sagnac.navigate.trajectory import Trajectory
 from sagnac.navigate.trajectory.body import angles
-from sagnac.navigate.trajectory.carried import Flexure, beside, left_jacobian
+from sagnac.navigate.trajectory.carried import Flexure, beside
 from sagnac.navigate.trajectory.course import from_table
 from sagnac.navigate.wander import direction_cosines
 

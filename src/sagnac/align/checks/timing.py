@@ -65,7 +65,7 @@ def check(slave: Slave, master: Master, config: Config) -> tuple[float, list[str
         return 0.0, []
     found = apart(slave, given, master, config)
     late = lateness(given, found)
-    said = _lateness_told(late, given, found, master, config) + _jumps(given, found, master, config)
+    said = _lateness_told(late, given, found, master, config) + _jumps(given, found, master, config, late)
     return (late.value if late is not None and config.initial.delay is not None else 0.0), said
 
 
@@ -152,9 +152,11 @@ def _lateness_told(late: Lateness | None, given: Intervals, found: Apart, master
     return [f"{text}, which is not taken out; {remedy}"]
 
 
-def _jumps(given: Intervals, found: Apart, master: Master, config: Config) -> list[str]:
+def _jumps(given: Intervals, found: Apart, master: Master, config: Config, late: Lateness | None) -> list[str]:
     """Steps of velocity and attitude that the slave does not feel; single samples that are off are left to the gate."""
     out = []
+    # a master that is late by T shows a change of the rate of turn, or of the acceleration, as a step of T times as much
+    behind = max(abs(late.value) if late is not None else 0.0, 3.0 * (config.initial.delay or 0.0))
     mounted = 4.0 * float(np.linalg.norm(config.initial.misalignment))
     for what, between, noise, moved in (
         ("velocity", found.velocity, config.noise.velocity, found.gained),
@@ -166,6 +168,9 @@ def _jumps(given: Intervals, found: Apart, master: Master, config: Config) -> li
         allowed = np.maximum(
             max(_FAR * usual, 8.0 * math.sqrt(2.0) * noise, least), mounted * np.linalg.norm(moved, axis=1)
         )
+        pace = moved / given.steps[:, None]
+        change = np.append(np.linalg.norm(np.diff(pace, axis=0), axis=1), 0.0)
+        allowed = allowed + 2.0 * behind * _around(change, 1 + math.ceil(behind / float(np.median(given.steps))))
         far = np.flatnonzero(size > allowed)
         steps, spikes = _sorted(far, between, given)
         if spikes.size:
@@ -183,6 +188,13 @@ def _jumps(given: Intervals, found: Apart, master: Master, config: Config) -> li
                 raise DataError(f"{text}: it was reset, or its log was joined from two; align on one side of it")
             out.append(text)
     return out
+
+
+def _around(values: Array, reach: int) -> Array:
+    """Largest of the values (n,) up to so many places away."""
+    from scipy.ndimage import maximum_filter1d
+
+    return np.asarray(maximum_filter1d(values, 2 * reach + 1))
 
 
 def _sorted(far: NDArray[np.int64], between: Array, given: Intervals) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -140,6 +140,8 @@ class Chain:
         first, noise = source.initial, source.noise
         driving = np.zeros(_SLOT.size)
         driving[_SLOT[:n]] = model.driving_noise(config, states)[:n]
+        still = np.zeros(3)
+        at_start = model.Instant(start.C_b_w, start.velocity, still, still, still, still)
         wander = first.wander if config.method == "wander" else 0.0
         return cls(
             trajectory,
@@ -148,7 +150,7 @@ class Chain:
             states.units[:n],
             frequency,
             count,
-            model.prior(config, states, start.C_b_w, float(start.height))[:n, :n],
+            model.prior(config, states, at_start, float(start.height))[:n, :n],
             driving,
             config.noise.velocity**2,
             np.array([*first.misalignment, *[first.velocity] * 2, *first.gyro_bias, *first.accel_bias, wander]),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...earth import ELLIPSOID
-from ...frames import Array, cross, rotation_matrix, skew
+from ...frames import Array, cross, left_jacobian, rotation_matrix
 from .. import wander
 
 _ROUNDS = 3  # Newton's steps for a point beside a known one: from 1 km, 0.1 m, then 1e-6 m, then rounding
@@ -77,20 +77,6 @@ class Carried:
 
 RIGID = Carried()
 """The vehicle itself."""
-
-
-def left_jacobian(vector: Array) -> Array:
-    """Takes the rate of rotation vectors (n, 3) to the angular rate in the frame turned from, (n, 3, 3).
-
-    ``J = I + (1 - cos a) / a^2 [v x] + (a - sin a) / a^3 [v x]^2`` with a the length of v.
-    """
-    a2 = np.einsum("ni,ni->n", vector, vector)[:, None, None]
-    small = a2 < 1e-4
-    a = np.sqrt(np.where(small, 1.0, a2))
-    first = np.where(small, 0.5 - a2 / 24.0 * (1.0 - a2 / 30.0), 2.0 * (np.sin(0.5 * a) / a) ** 2)
-    second = np.where(small, 1.0 / 6.0 - a2 / 120.0 * (1.0 - a2 / 42.0), (a - np.sin(a)) / a**3)
-    across = skew(vector)
-    return np.asarray(np.eye(3) + first * across + second * (across @ across))
 
 
 def beside(C_e_w: Array, height: Array, offset: Array) -> tuple[Array, Array]:
