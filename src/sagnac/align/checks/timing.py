@@ -169,7 +169,7 @@ def _jumps(given: Intervals, found: Apart, master: Master, config: Config, late:
             max(_FAR * usual, 8.0 * math.sqrt(2.0) * noise, least), mounted * np.linalg.norm(moved, axis=1)
         )
         pace = moved / given.steps[:, None]
-        change = np.append(np.linalg.norm(np.diff(pace, axis=0), axis=1), 0.0)
+        change = np.linalg.norm(np.diff(pace, axis=0, prepend=0.0), axis=1)  # what was before the first is not known
         allowed = allowed + 2.0 * behind * _around(change, 1 + math.ceil(behind / float(np.median(given.steps))))
         far = np.flatnonzero(size > allowed)
         steps, spikes = _sorted(far, between, given)
