@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sagnac import earth
 from sagnac.align import large, large_fit, large_model
 from sagnac.align import run as linear
 from sagnac.align.config import Config
 from sagnac.align.master import Master
 from sagnac.align.samples import Slave
-from sagnac.frames import attitude_matrix, rotation_matrix, rotation_vector
+from sagnac.frames import rotation_matrix, rotation_vector
+from sagnac.navigate.trajectory import Trajectory, course
 
 DEG = np.pi / 180.0
 
@@ -33,69 +33,28 @@ class Truth(NamedTuple):
     master: Master
 
 
-def s_turn(rate):
-    """Heading and its two derivatives: starboard 15 s, port 30 s, starboard 15 s, over and over."""
-
-    def heading(t):
-        late = np.mod(t + 15.0, 60.0)
-        return rate * np.where(late < 30.0, late - 15.0, 45.0 - late), rate * np.where(late < 30.0, 1.0, -1.0), 0.0 * t
-
-    return heading
+S_TURN = (
+    {"duration": "15 s", "turn_rate": "3 deg/s"},
+    {"duration": "30 s", "turn_rate": "-3 deg/s"},
+    {"duration": "15 s", "turn_rate": "3 deg/s"},
+)
 
 
-def weave(rate, period=20.0):
-    """A heading rate that swings smoothly, for what needs its derivative."""
-    w = 2.0 * np.pi / period
-
-    def heading(t):
-        return rate / w * (1.0 - np.cos(w * t)), rate * np.sin(w * t), rate * w * np.cos(w * t)
-
-    return heading
-
-
-def straight(t):
-    return 0.0 * t, 0.0 * t, 0.0 * t
+def motion(*legs, lever=(0.0, 0.0, 0.0), frequency=100.0, rate=10.0, start=0.0, **more):
+    """Increments and log of a vehicle at 60 N and 10 m/s, first due east; the log begins at `start`."""
+    table = {"latitude": "60 deg", "speed": "10 m/s", "heading": "90 deg", "leg": list(legs), **more}
+    way = Trajectory.of(course.from_table(table))
+    counted = way.carry(lever_arm=lever).increments(frequency)
+    time = start + np.arange(int((way.duration - start) * rate + 1e-9) + 1) / rate
+    state = way.state(time)
+    latitude, longitude, _ = state.place
+    master = Master(time, latitude, longitude, state.height, state.velocity_enu, state.C_b_n)
+    return Truth(counted.time, counted.turns, counted.pushes, master)
 
 
-def motion(
-    duration, heading=straight, *, speed=10.0, latitude=60.0 * DEG, lever=(0.0, 0.0, 0.0), frequency=100.0, rate=10.0
-):
-    """A level vehicle at a steady speed, first due east; increments by Gauss-Legendre, legs end at samples.
-
-    ``v' = C f - (2 w_ie + w_en) x v + g`` turned round for f, in east, north, up. The lever arm takes the sensors elsewhere.
-    """
-    n = round(duration * frequency)
-    time = np.arange(n + 1) / frequency
-    nodes, weights = np.polynomial.legendre.leggauss(4)
-    t = (time[:-1, None] + (0.5 + 0.5 * nodes) / frequency).ravel()
-    both = np.concatenate([t, np.arange(round(duration * rate) + 1) / rate])
-    order = np.argsort(both, kind="stable")
-    angle, turning, bending = (v[order] for v in heading(both))
-    east, north = speed * np.cos(-angle), speed * np.sin(-angle)
-    gaps = np.diff(both[order], prepend=0.0)
-    meridian, normal = earth.radii(latitude)
-    lat = latitude + np.cumsum(gaps * north) / meridian
-    lon = np.cumsum(gaps * east / np.cos(lat)) / normal
-    meridian, normal = earth.radii(lat)
-    ie = earth.EARTH_RATE * np.stack([0.0 * lat, np.cos(lat), np.sin(lat)], axis=-1)
-    en = np.stack([-north / meridian, east / normal, east / normal * np.tan(lat)], axis=-1)
-    v = np.stack([east, north, 0.0 * east], axis=-1)
-    gained = turning[:, None] * np.stack([north, -east, 0.0 * east], axis=-1)
-    gravity = np.array([earth.normal_gravity(x) for x in lat[:: max(1, lat.size // 200)]])
-    gravity = np.interp(np.arange(lat.size), np.arange(lat.size)[:: max(1, lat.size // 200)], gravity)
-    force = gained + np.cross(2.0 * ie + en, v)
-    force[:, 2] += gravity
-    C = attitude_matrix(angle + 0.5 * np.pi, 0.0 * angle, 0.0 * angle)
-    f = np.einsum("kji,kj->ki", C, force)
-    w = np.einsum("kji,kj->ki", C, ie + en)
-    w[:, 2] -= turning
-    arm = np.array(lever)
-    f += np.cross(w, np.cross(w, arm)) + np.cross(-bending[:, None] * [0.0, 0.0, 1.0], arm)
-    back = np.argsort(order, kind="stable")
-    inside, log = back[: t.size], back[t.size :]
-    total = [np.einsum("q,kqi->ki", 0.5 * weights / frequency, x[inside].reshape(n, 4, 3)) for x in (w, f)]
-    master = Master(both[order][log], lat[log], lon[log], 0.0 * lat[log], v[log], C[log])
-    return Truth(time, *total, master)
+def straight(duration, **more):
+    """The same on a straight course."""
+    return motion({"duration": f"{duration} s"}, **more)
 
 
 LASER = {
@@ -104,7 +63,7 @@ LASER = {
     "gyro": 0.001 * DEG / 60,
     "accel": 0.833e-6 * 9.80665,
 }
-"""The unit of the published transfer alignment (Huang et al. 2011): rad/s, m/s^2, rad/sqrt(s), m/s/sqrt(s)."""
+"""The unit of the published transfer alignment [HUANG11]: rad/s, m/s^2, rad/sqrt(s), m/s/sqrt(s)."""
 MEMS = {"gyro_bias": 20.0 * DEG / 3600, "accel_bias": 2e-3 * 9.80665, "gyro": 0.15 * DEG / 60, "accel": 50e-6 * 9.80665}
 """A small tactical one."""
 
@@ -202,9 +161,9 @@ def main(runs=100):
     """All of them."""
     sigma = np.array([30.0, 30.0, 60.0]) * DEG
     laser, mems = (settings(sigma, grade, gate="off") for grade in (LASER, MEMS))
-    table("S-turn, laser-gyro unit, 60 s", motion(60.0, s_turn(3.0 * DEG)), laser, runs)
-    table("S-turn, small tactical unit, 60 s", motion(60.0, s_turn(3.0 * DEG)), mems, runs)
-    table("Straight course, laser-gyro unit, 120 s", motion(120.0), laser, runs)
+    table("S-turn, laser-gyro unit, 60 s", motion(*S_TURN), laser, runs)
+    table("S-turn, small tactical unit, 60 s", motion(*S_TURN), mems, runs)
+    table("Straight course, laser-gyro unit, 120 s", straight(120), laser, runs)
 
 
 if __name__ == "__main__":

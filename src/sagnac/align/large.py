@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..frames import Array, rot_z, rotation_vector
+from ..frames import Array, left_jacobian, rot_z, rotation_vector
 from . import large_fit
-from .filter import left_jacobian
-from .large_fit import Fit, Point
+from .large_fit import Fit
 from .large_model import Problem, prepare
 from .samples import Slave
 
@@ -191,7 +190,7 @@ def minima(problem: Problem) -> list[Fit]:
     starts = [
         large_fit.by_filter(problem),
         vectors,
-        Point(turned, vectors.velocity, vectors.gyro, vectors.accel, mounting),
+        vectors._replace(attitude=turned, mounting=mounting),
     ]
     fits = [large_fit.descend(problem, point) for point in starts]
     least = min(fit.cost for fit in fits)

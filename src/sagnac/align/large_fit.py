@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..frames import Array, rotation_matrix, rotation_vector, wahba
-from .filter import left_jacobian
+from ..frames import Array, left_jacobian, rotation_matrix, rotation_vector, wahba
 from .large_model import Problem
 
 _LONGEST_STEP = 1.0
@@ -34,12 +33,14 @@ class _State(NamedTuple):
 
 
 class Point(NamedTuple):
-    """Unknowns of the problem: attitude at the start, velocity there (both in i), biases, mounting."""
+    """Unknowns of the problem: attitude at the start, velocity there (both in i), biases, lever arm, delay, mounting."""
 
     attitude: Array
     velocity: Array
     gyro: Array
     accel: Array
+    arm: Array
+    delay: float
     mounting: Array
 
 
@@ -53,7 +54,7 @@ class Fit:
     cost : float
         Sum of squares of whitened residuals and priors.
     normal : ndarray, shape (p, p)
-        Information: rotation of the start, velocity, biases, and with attitudes the mounting's turn.
+        Information: rotation of the start, velocity, biases, arm, delay, and with attitudes the mounting's turn.
     covariance : ndarray, shape (3, 3), rad^2
         Of the mounting's turn in the slave's axes, see :func:`_spread`.
     settled : bool
@@ -76,7 +77,7 @@ class Fit:
 def centre(problem: Problem) -> Point:
     """The middle of what is known beforehand: no mounting, no biases."""
     zero = np.zeros(3)
-    return Point(problem.master, problem.velocity, zero, zero, np.eye(3))
+    return Point(problem.master, problem.velocity, zero, zero, problem.arm, 0.0, np.eye(3))
 
 
 def by_vectors(problem: Problem) -> Point:
@@ -95,17 +96,15 @@ def by_vectors(problem: Problem) -> Point:
     for k in range(problem.last.size):
         velocity[k + 1] = velocity[k] + attitude[k] @ push[k]
         attitude[k + 1] = attitude[k] @ turn[k]
-    here, there = (
-        velocity[1:] - velocity[1:].mean(axis=0),
-        (problem.series - problem.series.mean(axis=0)) @ problem.master,
-    )
+    here = velocity[1:] - velocity[1:].mean(axis=0)
+    there = (problem.series - problem.series.mean(axis=0)) @ problem.master
     if problem.matched:
         lag = max(1, problem.last.size // 4)
         weight = np.sqrt(problem.noise[0] / problem.noise[3] / 2.0)
         own, base = (_turned(a, lag) for a in (attitude, problem.master.T @ problem.attitudes))
         here, there = np.vstack([here, weight * own]), np.vstack([there, weight * base])
     mounting = wahba(here, there)
-    return Point(problem.master @ mounting, problem.velocity, zero, zero, mounting)
+    return Point(problem.master @ mounting, problem.velocity, zero, zero, problem.arm, 0.0, mounting)
 
 
 def _turned(attitude: Array, lag: int) -> Array:
@@ -122,16 +121,17 @@ def by_filter(problem: Problem) -> Point:
 
     zero, point = np.zeros(3), centre(problem)
     pieces = intervals(problem.turns, problem.pushes, problem.steps, problem.last, zero, zero)
-    sigma2 = problem.sigma**2
+    sigma2 = problem.sigma[:12] ** 2
     spread = np.diag(np.concatenate([sigma2, sigma2[:3] if problem.matched else []]))
     if problem.matched:
         # the slave's attitude is the mounting on the master's true attitude, which the master's first sample shows
         spread[:3, :3] += problem.noise[3] * np.eye(3)
         spread[:3, 12:] = spread[12:, :3] = spread[12:, 12:]
-    attitude, bias, mounting = left_invariant(
-        *pieces, *_readings(problem), point.attitude, point.velocity, point.mounting, spread
-    )
-    return Point(attitude, point.velocity, bias[:3], bias[3:], mounting)
+    p = problem
+    readings = p.gathered, p.series, p.axes, p.rates, p.attitudes, p.earth, p.arm, p.noise
+    kernel: Callable[..., Any] = left_invariant
+    attitude, bias, mounting = kernel(*pieces, *readings, point.attitude, point.velocity, point.mounting, spread)
+    return Point(attitude, point.velocity, bias[:3], bias[3:], problem.arm, 0.0, mounting)
 
 
 def descend(problem: Problem, point: Point) -> Fit:
@@ -143,9 +143,11 @@ def descend(problem: Problem, point: Point) -> Fit:
     point : Point
     """
     state = _evaluate(problem, point)
-    for used in range(1, _STEPS + 1):
+    used, moved = 0, np.inf
+    while moved >= _SETTLED**2 and used < _STEPS:
+        used += 1
         step = _scaled(np.linalg.solve, state.normal, state.slope)
-        turn = step[12:] if problem.matched else step[:3]
+        turn = step[16:] if problem.matched else step[:3]
         fraction = min(1.0, _LONGEST_STEP / max(float(np.linalg.norm(step[:3])), float(np.linalg.norm(turn)), 1e-300))
         moved = float(turn @ np.linalg.solve(_spread(problem, point, state), turn))
         for _ in range(12):
@@ -155,26 +157,25 @@ def descend(problem: Problem, point: Point) -> Fit:
                 point, state = trial, found
                 break
             fraction /= 2.0
-        if moved < _SETTLED**2:
-            break
     return Fit(point, state.cost, state.normal, _spread(problem, point, state), moved < _SETTLED**2, used)
 
 
 def _spread(problem: Problem, point: Point, state: _State) -> Array:
     """Covariance of the mounting's turn in the slave's axes, (3, 3), rad^2.
 
-    That of the normal equations, but for the azimuth. There they take noise for a manoeuvre: what has gathered in the run turns with
-    the azimuth, and its derivative looks like information, one unit for each reading's worth of it (`level`), while a true
-    turn about the vertical changes nothing. After 300 s of a small tactical unit on a straight course that makes 7 deg of an azimuth of
-    which nothing is known. The unit is taken off, as in least squares with errors in both variables, and what is left is not
-    believed beyond what was known beforehand.
+    That of the normal equations, but for the azimuth. There they take noise for a manoeuvre: what has gathered in the run turns
+    with the azimuth, and its derivative looks like information, one unit for each reading's worth of it (`level`), while a
+    true turn about the vertical changes nothing. After 300 s of a small tactical unit on a straight course that makes 7 deg of
+    an azimuth of which nothing is known. The unit is taken off, as in least squares with errors in both variables, and what
+    is left is not believed to be worse than what was known beforehand: sigma about no mounting.
     """
     inverse = _scaled(np.linalg.inv, state.normal)
-    where = slice(12, 15) if problem.matched else slice(0, 3)
+    where = slice(16, 19) if problem.matched else slice(0, 3)
     covariance = 0.5 * (inverse + inverse.T)[where, where]
     up = point.attitude[2]
-    seen, right = 1.0 / (up @ covariance @ up), left_jacobian(rotation_vector(point.mounting)).T
-    beforehand = up @ (right * problem.sigma[:3] ** 2) @ right.T @ up
+    vector = rotation_vector(point.mounting)
+    seen, right = 1.0 / (up @ covariance @ up), left_jacobian(vector).T
+    beforehand = up @ (right * problem.sigma[:3] ** 2) @ right.T @ up + (up @ vector) ** 2
     left = seen - state.level
     variance = max(min(seen / left**2, beforehand) if left > 0.0 else beforehand, 1.0 / seen)
     along = covariance @ up * seen
@@ -188,29 +189,33 @@ def _scaled(function: Callable[..., Array], normal: Array, *slope: Array) -> Arr
     return np.asarray(scale[:, None] * found * scale if found.ndim == 2 else scale * found)
 
 
-def _readings(problem: Problem) -> Any:
-    p = problem
-    return p.gathered, p.series, p.axes, p.rates, p.attitudes, p.earth, p.arm, p.noise
-
-
 def _evaluate(problem: Problem, point: Point) -> _State:
     from ..kernels.invariant import intervals, normal_equations
 
-    pieces = intervals(problem.turns, problem.pushes, problem.steps, problem.last, point.gyro, point.accel)
-    run = point.attitude, point.velocity, point.mounting
-    whole, level = normal_equations(*pieces, *_readings(problem), *run)
+    p = problem
+    pieces = intervals(p.turns, p.pushes, p.steps, p.last, point.gyro, point.accel)
+    readings = p.gathered, p.series, p.axes, p.rates, p.gains, p.attitudes, p.earth, p.noise
+    kernel: Callable[..., Any] = normal_equations
+    whole, level = kernel(*pieces, *readings, point.attitude, point.velocity, point.arm, point.delay, point.mounting)
     normal, slope, cost = whole[:-1, :-1], whole[:-1, -1], float(whole[-1, -1])
     angle = rotation_vector(point.mounting)
-    left = np.concatenate([-angle, problem.velocity - point.velocity, -point.gyro, -point.accel]) / problem.sigma
-    rows = np.zeros((12, slope.size))
-    rows[:, :12] = np.diag(1.0 / problem.sigma)
-    turned = np.linalg.inv(left_jacobian(angle).T) / problem.sigma[:3, None]
-    rows[:3] = 0.0
-    rows[:3, -3 if problem.matched else 0 :][:, :3] = turned
+    known = [angle, point.velocity - p.velocity, point.gyro, point.accel, point.arm - p.arm, np.array([point.delay])]
+    left = -np.concatenate(known) / p.sigma
+    rows = np.zeros((16, slope.size))
+    rows[3:, 3:16] = np.diag(1.0 / p.sigma[3:])
+    rows[:3, -3 if p.matched else 0 :][:, :3] = np.linalg.inv(left_jacobian(angle).T) / p.sigma[:3, None]
     return _State(cost + float(left @ left), normal + rows.T @ rows, slope + rows.T @ left, float(level))
 
 
 def _moved(problem: Problem, point: Point, step: Array) -> Point:
     attitude = point.attitude @ rotation_matrix(step[:3])
-    mounting = point.mounting @ rotation_matrix(step[12:]) if problem.matched else problem.master.T @ attitude
-    return Point(attitude, point.velocity + step[3:6], point.gyro + step[6:9], point.accel + step[9:12], mounting)
+    mounting = point.mounting @ rotation_matrix(step[16:]) if problem.matched else problem.master.T @ attitude
+    return Point(
+        attitude,
+        point.velocity + step[3:6],
+        point.gyro + step[6:9],
+        point.accel + step[9:12],
+        point.arm + step[12:15],
+        point.delay + float(step[15]),
+        mounting,
+    )

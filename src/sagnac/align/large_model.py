@@ -1,7 +1,7 @@
 """Transfer alignment as one problem of least squares, for mountings of any size: its readings.
 
-Inertial axes i stand still, east, north, up of the start. There the slave's attitude R and the velocity y that its own forces give
-it obey
+Inertial axes i stand still, east, north, up of the start. There the slave's attitude R and the velocity y that its own forces
+give it obey
 
     R' = R [w x],    y' = R f
 
@@ -10,10 +10,10 @@ with nothing but its own readings on the right, and what the master says is one 
     u(t) = N v - integral N (g - w_ie x v),
 
 N from east, north, up to i (the velocity form of Wu & Pan 2013, IEEE TAES 49, 1006). With ``R = R^ exp([xi x])`` and
-``y = y^ + R^ zeta`` errors propagate by ``xi' = -w x xi - eps, zeta' = -w x zeta - f x xi - nab``, which knows the readings and not the
-estimate (Barrau & Bonnabel 2017, IEEE TAC 62, 1797: the left-invariant error of a group-affine system). The one nonlinear
-thing left is the rotation at the start, so that the whole recording is one problem in it, in the velocity at the start and in the
-biases: :mod:`sagnac.align.large_fit`.
+``y = y^ + R^ zeta`` errors propagate by ``xi' = -w x xi - eps, zeta' = -w x zeta - f x xi - nab``, which knows the readings and
+not the estimate (Barrau & Bonnabel 2017, IEEE TAC 62, 1797: the left-invariant error of a group-affine system). The one
+nonlinear thing left is the rotation at the start, so that the whole recording is one problem in it, in the velocity at the
+start and in the biases: :mod:`sagnac.align.large_fit`.
 """
 
 from __future__ import annotations
@@ -35,8 +35,10 @@ if TYPE_CHECKING:
 
 _LOOSE = 1.0
 """m/s: noise given to the master's vertical velocity where the alignment does not match it: it only tells up from down."""
-# what is known exactly would make the equations singular: rad, m/s, rad/s, m/s^2
-_LEAST = np.repeat([1e-6, 1e-4, 1e-12, 1e-9], 3)
+# what is known exactly would make the equations singular: rad, m/s, rad/s, m/s^2, m, s
+_LEAST = np.repeat([1e-6, 1e-4, 1e-12, 1e-9, 1e-6, 1e-6], [3, 3, 3, 3, 3, 1])
+_SLOW = 0.5
+"""s: to either side, over which the master's acceleration is taken."""
 
 
 @dataclass(frozen=True)
@@ -51,16 +53,18 @@ class Problem:
         The slave's samples, corrected for coning and sculling and cut at those times.
     last : ndarray of int, shape (m,)
         First sample after each of them.
-    gathered, series, axes, rates, attitudes : ndarray
+    gathered, series, axes, rates, gains, attitudes : ndarray
         See :func:`sagnac.kernels.invariant.normal_equations`.
-    noise, earth, arm : ndarray
+    noise, earth : ndarray
         The same.
+    arm : ndarray, shape (3,), m
+        Lever arm from the master to the slave as far as it is known, in the master's axes.
     master : ndarray, shape (3, 3)
         The master's attitude at the start, to east, north, up.
     velocity : ndarray, shape (3,), m/s
         Of the slave at the start, as far as the master tells.
-    sigma : ndarray, shape (12,)
-        Of mounting, velocity and biases, beforehand.
+    sigma : ndarray, shape (16,)
+        Of mounting, velocity, biases, lever arm and delay, beforehand.
     vertical : bool
         Whether the vertical velocity counts.
     """
@@ -74,6 +78,7 @@ class Problem:
     series: Array
     axes: Array
     rates: Array
+    gains: Array
     attitudes: Array
     noise: Array
     earth: Array
@@ -97,8 +102,8 @@ class Problem:
         """The same with the first `count` samples of the master."""
         n = int(self.last[count - 1])
         first = {k: getattr(self, k)[:n] for k in ("turns", "pushes", "steps")}
-        first |= {k: getattr(self, k)[:count] for k in ("last", "gathered", "series", "axes", "rates")}
-        first |= {k: getattr(self, k)[: count + 1] for k in ("time", "attitudes")}
+        first |= {k: getattr(self, k)[:count] for k in ("last", "gathered", "series", "axes", "gains")}
+        first |= {k: getattr(self, k)[: count + 1] for k in ("time", "rates", "attitudes")}
         return replace(self, **first)
 
 
@@ -130,9 +135,10 @@ def prepare(config: Config, slave: Slave, master: Master, chosen: NDArray[np.int
     matched = config.matching == "velocity+attitude"
     # with velocities alone the mounting stands for the slave's attitude against what the master said at the start
     mounting = np.array(first.misalignment) if matched else np.hypot(first.misalignment, attitude)
+    reach = first.lever_arm or (0.0, 0.0, 0.0)
     # the slave's own velocity differs by that of its arm, in a direction that is not known yet
-    velocity = np.hypot(first.velocity, np.linalg.norm(rates[0]) * np.linalg.norm(arm))
-    matching = np.full(3, np.hypot(noise.velocity, _unmodelled(config, rates, master.velocity[chosen], time)))
+    velocity = np.hypot(first.velocity, np.linalg.norm(rates[0]) * np.linalg.norm([*arm, *reach]))
+    matching = np.full(3, noise.velocity)
     vertical = config.states == "full"
     if not vertical:
         matching[2] = np.hypot(matching[2], _LOOSE)
@@ -145,14 +151,17 @@ def prepare(config: Config, slave: Slave, master: Master, chosen: NDArray[np.int
         np.array([noise.gyro**2, noise.accel**2]) * np.diff(time)[:, None] + _gaps(slave, time),
         u[at[1:]],
         N[at[1:]],
-        rates[1:],
+        rates,
+        _gains(master, config.latency, time[1:]),
         N[at] @ C_m_n if matched else np.empty((0, 3, 3)),
         np.array([*matching, attitude]) ** 2,
         earth,
         arm,
         C_m_n[0],
         u[0],
-        np.maximum([*mounting, *[velocity] * 3, *first.gyro_bias, *first.accel_bias], _LEAST),
+        np.maximum(
+            [*mounting, *[velocity] * 3, *first.gyro_bias, *first.accel_bias, *reach, first.delay or 0.0], _LEAST
+        ),
         vertical,
     )
 
@@ -161,11 +170,11 @@ def _largest(given: tuple[float, ...] | None) -> float:
     return 0.0 if given is None else float(max(given))
 
 
-def _unmodelled(config: Config, rates: Array, velocity: Array, time: Array) -> float:
-    """Velocity that an unknown lever arm and an unknown delay of the master make, rms, m/s; the start does not solve for them."""
-    gains = np.gradient(velocity, time, axis=0)
-    turning, pushing = (float(np.sqrt(np.mean(v**2) * 3.0)) for v in (rates, gains))
-    return float(np.hypot(turning * _largest(config.initial.lever_arm), pushing * (config.initial.delay or 0.0)))
+def _gains(master: Master, latency: float, time: Array) -> Array:
+    """The master's acceleration, (m, 3), m/s^2, from its velocities around."""
+    around = np.clip([time - _SLOW, time + _SLOW], master.time[0] - latency, master.time[-1] - latency)
+    v = [np.stack([np.interp(t, master.time - latency, u) for u in master.velocity.T], axis=-1) for t in around]
+    return np.asarray((v[1] - v[0]) / (around[1] - around[0])[:, None])
 
 
 def _gaps(slave: Slave, time: Array) -> Array:

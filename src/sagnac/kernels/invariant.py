@@ -159,30 +159,32 @@ def intervals(turns, pushes, steps, last, gyro_bias, accel_bias):  # type: ignor
             p0 = pushes[s, 0] - accel_bias[0] * dt
             p1 = pushes[s, 1] - accel_bias[1] * dt
             p2 = pushes[s, 2] - accel_bias[2] * dt
-            exponential(
-                turns[s, 0] - gyro_bias[0] * dt,
-                turns[s, 1] - gyro_bias[1] * dt,
-                turns[s, 2] - gyro_bias[2] * dt,
-                q,
-                left,
-            )
+            a0 = turns[s, 0] - gyro_bias[0] * dt
+            a1 = turns[s, 1] - gyro_bias[1] * dt
+            a2 = turns[s, 2] - gyro_bias[2] * dt
+            exponential(a0, a1, a2, q, left)
             for i in range(3):
                 d[i] = left[i, 0] * p0 + left[i, 1] * p1 + left[i, 2] * p2
             for i in range(3):
                 total[i] += r[i, 0] * d[0] + r[i, 1] * d[1] + r[i, 2] * d[2]
             carry(q, d, columns)
-            # the right Jacobian is the left one transposed; a bias turns the axes by -b t on the way: zeta = [p x] b dt / 2
+            # the right Jacobian is the left one transposed
             for i in range(3):
                 for j in range(3):
                     columns[i, j] -= dt * left[j, i]
                     columns[3 + i, 3 + j] -= dt * left[j, i]
-            half = 0.5 * dt
-            columns[3, 1] -= half * p2
-            columns[3, 2] += half * p1
-            columns[4, 0] += half * p2
-            columns[4, 2] -= half * p0
-            columns[5, 0] -= half * p1
-            columns[5, 1] += half * p0
+            # a bias turns the axes on the way: zeta = dt ([p x] / 2 - ([a x][p x] + [p x][a x]) / 6) b, to second order
+            sixth, along = dt / 6.0, dt / 3.0 * (a0 * p0 + a1 * p1 + a2 * p2)
+            columns[3, 0] += along - 2.0 * sixth * a0 * p0
+            columns[4, 1] += along - 2.0 * sixth * a1 * p1
+            columns[5, 2] += along - 2.0 * sixth * a2 * p2
+            x, y, z = a1 * p2 + a2 * p1, a2 * p0 + a0 * p2, a0 * p1 + a1 * p0
+            columns[3, 1] -= sixth * (3.0 * p2 + z)
+            columns[3, 2] += sixth * (3.0 * p1 - y)
+            columns[4, 0] += sixth * (3.0 * p2 - z)
+            columns[4, 2] -= sixth * (3.0 * p0 + x)
+            columns[5, 0] -= sixth * (3.0 * p1 + y)
+            columns[5, 1] += sixth * (3.0 * p0 - x)
             r[:] = times(r, q)
         turn[k], push[k] = r, total
         for i in range(3):
@@ -232,12 +234,11 @@ def _gather(seen, size, normal):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def arm_slopes(rate, arm, attitude, earth, offset, slope):  # type: ignore[no-untyped-def]
-    """Velocity of the slave about the master, ``(w - R' w_ie) x l``, in the slave's axes, and its derivative ``[w x][l x]``.
+def arm_slopes(rate, arm, attitude, earth, w, offset, slope):  # type: ignore[no-untyped-def]
+    """Rate over the Earth ``w = rate - R' w_ie``, velocity about the master ``w x l``, and its derivative ``[w x][l x]``.
 
-    The derivative is to a turn of the mounting, ``M exp([eta x])`` with ``l = M' arm``.
+    All of the slave, in its axes. The derivative is to a turn of the mounting, ``M exp([eta x])`` with ``l = M' arm``.
     """
-    w = np.empty(3)
     for i in range(3):
         w[i] = rate[i] - (attitude[0, i] * earth[0] + attitude[1, i] * earth[1] + attitude[2, i] * earth[2])
     dot = w[0] * arm[0] + w[1] * arm[1] + w[2] * arm[2]
@@ -272,19 +273,23 @@ def _advance(attitude, velocity, turn, push, slopes, columns, gained):  # type: 
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _see_attitude(attitude, mounting, reading, variance, size, columns, walk, normal):  # type: ignore[no-untyped-def]
+def _see_attitude(  # type: ignore[no-untyped-def]
+    attitude, mounting, reading, rate, delay, variance, size, columns, walk, normal
+):
     """A reading of the master's attitude: ``Log(A M R')`` is what the slave turned too little, less the mounting's own error."""
-    row, gain, seen, left = np.zeros(6), np.empty(6), np.empty(size + 1), np.empty(3)
-    share = 0.0
+    row, gain, seen = np.zeros(6), np.empty(6), np.empty(size + 1)
+    left, turning, share = np.empty(3), np.empty(3), 0.0
+    apply(attitude, rate, turning)
     logarithm(times_t(times(reading, mounting), attitude), left)
     for i in range(3):
         row[:] = 0.0
         row[i] = 1.0
         for c in range(size):
             seen[c] = columns[i, c]
+        seen[15] -= turning[i]
         for c in range(3):
-            seen[12 + c] -= attitude[i, c]
-        seen[size] = left[i]
+            seen[16 + c] -= attitude[i, c]
+        seen[size] = left[i] + delay * turning[i]
         part = _whiten(row, seen, columns, walk, size, variance, gain)
         share += part if i < 2 else 0.0
         _gather(seen, size, normal)
@@ -293,19 +298,23 @@ def _see_attitude(attitude, mounting, reading, variance, size, columns, walk, no
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _see_velocity(  # type: ignore[no-untyped-def]
-    attitude, left, axes, rate, arm, earth, variances, tie, size, columns, walk, normal
+    attitude, mounting, left, axes, rate, gain_of_speed, earth, arm, delay, variances, size, columns, walk, normal
 ):
-    """A reading of the master's velocity, `left` of it by the run; the slave's own arm makes ``R (w x l)`` more of it."""
+    """A reading of the master's velocity, `left` of it by the run; the slave's own arm makes ``R (w x M' l)`` more of it."""
     row, gain, seen = np.empty(6), np.empty(6), np.empty(size + 1)
-    body, offset, slope = np.empty(3), np.empty(3), np.empty((3, 3))
-    arm_slopes(rate, arm, attitude, earth, body, slope)
+    body_arm, w, body, offset, slope = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
+    apply(mounting.T, arm, body_arm)
+    arm_slopes(rate, body_arm, attitude, earth, w, body, slope)
     apply(attitude, body, offset)
     slope = times(attitude, slope)
+    across = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    across = times(attitude, times_t(across, mounting))
+    tie = 16 if size > 16 else 0  # where a turn of the mounting stands
     share = 0.0
     for e in range(3):
         if not math.isfinite(variances[e]):
             continue
-        seen[size] = 0.0
+        seen[size] = delay * gain_of_speed[e]
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
             row[3 + i] = axes[i, e]
@@ -315,9 +324,11 @@ def _see_velocity(  # type: ignore[no-untyped-def]
             seen[c] = 0.0
             for i in range(6):
                 seen[c] += row[i] * columns[i, c]
+        seen[15] -= gain_of_speed[e]
         for c in range(3):
             for i in range(3):
                 seen[tie + c] -= axes[i, e] * slope[i, c]
+                seen[12 + c] -= axes[i, e] * across[i, c]
         part = _whiten(row, seen, columns, walk, size, variances[e], gain)
         share += part if e < 2 else 0.0
         _gather(seen, size, normal)
@@ -326,7 +337,22 @@ def _see_velocity(  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def normal_equations(  # type: ignore[no-untyped-def]
-    turn, push, slopes, gathered, series, axes, rates, attitudes, earth, arm, noise, attitude, velocity, mounting
+    turn,
+    push,
+    slopes,
+    gathered,
+    series,
+    axes,
+    rates,
+    gains,
+    attitudes,
+    earth,
+    noise,
+    attitude,
+    velocity,
+    arm,
+    delay,
+    mounting,
 ):
     """Sum of squares of the whitened residuals of a run that knows no noise, with its Gauss-Newton normal equations.
 
@@ -345,18 +371,22 @@ def normal_equations(  # type: ignore[no-untyped-def]
         Master's velocity in inertial axes less all that gravitation and Earth rate do, at the end of each interval.
     axes : ndarray, shape (m, 3, 3)
         East, north, up to inertial axes, there.
-    rates : ndarray, shape (m, 3), rad/s
-        Of the slave against inertial space, in its axes, there.
+    rates : ndarray, shape (m + 1, 3), rad/s
+        Of the slave against inertial space, in its axes, at the start and there.
+    gains : ndarray, shape (m, 3), m/s^2
+        Derivative of the master's velocity, east, north, up, at the end of each interval.
     attitudes : ndarray, shape (m + 1, 3, 3) or (0, 3, 3)
         Of the master against the inertial axes, at the start and at the end of each interval.
     earth : ndarray, shape (3,), rad/s
         Earth rate in inertial axes.
-    arm : ndarray, shape (3,), m
-        From the master to the slave, in the master's axes.
     noise : ndarray, shape (4,), (m/s)^2 and rad^2
         Variances of the velocity east, north, up (infinite: not used) and of the attitude.
     attitude, velocity : ndarray, shape (3, 3) and (3,)
         Start of the run, in inertial axes.
+    arm : ndarray, shape (3,), m
+        From the master to the slave, in the master's axes.
+    delay : float, s
+        How much earlier than said the master's readings were true.
     mounting : ndarray, shape (3, 3)
         Slave to master coordinates.
 
@@ -364,21 +394,18 @@ def normal_equations(  # type: ignore[no-untyped-def]
     -------
     normal : ndarray, shape (p + 1, p + 1)
         ``[J r]' [J r]``, symmetric, residual = r - J parameters. Parameters: turn of the start in its own axes, velocity,
-        biases of gyros and accelerometers, and with attitudes a turn of the mounting in the slave's axes; without them the
-        mounting turns with the start.
+        biases of gyros and accelerometers, arm, delay, and with attitudes a turn of the mounting in the slave's axes; without
+        them the mounting turns with the start.
     level : float
         How many level readings' worth of noise has gathered: the sum of its shares in their variances.
     """
-    matched = attitudes.shape[0] > 0
-    p = 15 if matched else 12
+    p = 19 if attitudes.shape[0] > 0 else 16
     normal = np.zeros((p + 1, p + 1))
     # parameters; means of the noise for each of them and for the residual
     columns, walk = np.zeros((6, 2 * p + 1)), np.zeros((6, 6))
     columns[:3, :3] = attitude
     columns[3:, 3:6] = np.eye(3)
-    r, y, gained, body_arm = attitude.copy(), velocity.copy(), np.empty(3), np.empty(3)
-    apply(mounting.T, arm, body_arm)
-    level = 0.0
+    r, y, gained, level = attitude.copy(), velocity.copy(), np.empty(3), 0.0
     for k in range(gathered.shape[0] + 1):
         if k > 0:
             _advance(r, y, turn[k - 1], push[k - 1], slopes[k - 1], columns, gained)
@@ -386,13 +413,12 @@ def normal_equations(  # type: ignore[no-untyped-def]
             turn_over(walk)
             carry(_UPRIGHT, gained, walk)
             spread(walk, _UPRIGHT, gained, gathered[k - 1, 0], gathered[k - 1, 1])
-        if matched:
-            level += _see_attitude(r, mounting, attitudes[k], noise[3], p, columns, walk, normal)
+        if p > 16:
+            level += _see_attitude(r, mounting, attitudes[k], rates[k], delay, noise[3], p, columns, walk, normal)
         if k > 0:
-            left = series[k - 1] - y
-            tie = 12 if matched else 0  # where a turn of the mounting stands
+            left, n = series[k - 1] - y, axes[k - 1]
             level += _see_velocity(
-                r, left, axes[k - 1], rates[k - 1], body_arm, earth, noise, tie, p, columns, walk, normal
+                r, mounting, left, n, rates[k], gains[k - 1], earth, arm, delay, noise, p, columns, walk, normal
             )
     for i in range(p + 1):
         for j in range(i):

@@ -71,23 +71,28 @@ def _predict(turn, push, slopes, bias, gathered, attitude, velocity, back, covar
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _take_velocity(left, axes, rate, arm, earth, variances, attitude, covariance, error):  # type: ignore[no-untyped-def]
-    """A reading of the master's velocity, `left` of it by the state, in the filter."""
+def _take_velocity(  # type: ignore[no-untyped-def]
+    left, axes, rate, arm, earth, variances, attitude, back, covariance, error
+):
+    """A reading of the master's velocity, `left` of it by the state; without attitudes the mounting turns with the start."""
     n = error.size
-    row, gain, offset, slope = np.zeros(n), np.empty(n), np.empty(3), np.empty((3, 3))
-    arm_slopes(rate, arm, attitude, earth, offset, slope)
+    row, gain, w, offset, slope = np.zeros(n), np.empty(n), np.empty(3), np.empty(3), np.empty((3, 3))
+    arm_slopes(rate, arm, attitude, earth, w, offset, slope)
     view = times(axes.T, attitude)
+    at = 12 if n > 12 else 0
+    slope = times(view, slope if n > 12 else times(slope, back))
     for e in range(3):
         if not math.isfinite(variances[e]):
             continue
         value = 0.0
+        row[:] = 0.0
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
             row[3 + i] = view[e, i]
             row[i] = view[e, j] * offset[k] - view[e, k] * offset[j]
             value += axes[i, e] * left[i] + view[e, i] * offset[i]
-            if n > 12:
-                row[12 + i] = -(view[e, 0] * slope[0, i] + view[e, 1] * slope[1, i] + view[e, 2] * slope[2, i])
+        for i in range(3):
+            row[at + i] -= slope[e, i]
         _update(row, value, variances[e], covariance, error, gain)
 
 
@@ -147,7 +152,8 @@ def left_invariant(  # type: ignore[no-untyped-def]
                 _update(row, seen[i], noise[3], covariance, error, gain)
         if k > 0:
             apply(m0.T, arm, body_arm)
-            _take_velocity(series[k - 1] - y, axes[k - 1], rates[k - 1], body_arm, earth, noise, r, covariance, error)
+            left_over = series[k - 1] - y
+            _take_velocity(left_over, axes[k - 1], rates[k], body_arm, earth, noise, r, back, covariance, error)
         _correct(error, r, y)
         for i in range(6):
             bias[i] += error[6 + i]
