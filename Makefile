@@ -30,7 +30,7 @@ demo: $(VENV)/.package  ## install what is needed and run `sagnac demo`
 	@$(VENV)/bin/sagnac demo $(ARGS)
 
 test: $(VENV)/.dev  ## run the tests
-	@$(PY) -m pytest $(ARGS)
+	@OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -n auto --dist worksteal $(ARGS)
 
 bench: $(VENV)/.package  ## run the benchmarks
 	@$(PY) benchmarks/run.py $(ARGS)

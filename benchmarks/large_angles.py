@@ -110,9 +110,9 @@ def mounting(rng, level, azimuth):
     )
 
 
-def linear_filter(config, slave, master):
-    """Mounting from the linear filter of the alignment, started with none, and its covariance in the slave's axes."""
-    found = linear.transfer(config, slave, master)
+def linear_filter(config, slave, master, first=None):
+    """Mounting from the linear filter of the alignment, started with none or a given one, and its covariance."""
+    found = linear.transfer(config, slave, master, mounting=first)
     where = [found.names.index(f"misalignment.{a}") for a in "xyz"]
     return rotation_matrix(found.values[-1, where]), found.covariance[np.ix_(where, where)]
 
@@ -157,9 +157,29 @@ def table(title, truth, config, runs):
         print(f"| {size[0]:g}, {size[1]:g} | " + " | ".join(f"{100 * x:.0f} %" for x in row) + " |", flush=True)
 
 
+def honesty(truth, runs):
+    """Squared errors of the linear filter against its covariance, with and without a start, mountings drawn from its prior."""
+    print(f"\nS-turn, laser-gyro unit, 60 s, {runs} runs a row: normalised squared error, median and mean")
+    print("\n| sigma of level, azimuth [deg] | linear filter | after a start |\n| --- | --- | --- |")
+    for level, azimuth in ((0.2, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 2.0), (3.0, 3.0), (10.0, 20.0), (30.0, 60.0)):
+        config, rng = settings(np.array([level, level, azimuth]) * DEG), np.random.default_rng(1)
+        squares = []
+        for _ in range(runs):
+            C_s_m = rotation_matrix(np.array(config.initial.misalignment) * rng.standard_normal(3))
+            slave, master, _ = run(truth, config, C_s_m, rng)
+            ends = [
+                linear_filter(config, slave, master, m) for m in (None, large.start(config, slave, master).mounting)
+            ]
+            errors = [rotation_vector(C_s_m.T @ C) for C, _ in ends]
+            squares.append([e @ np.linalg.solve(P, e) for e, (_, P) in zip(errors, ends, strict=True)])
+        both = [f"{np.median(v):.3g}, {np.mean(v):.3g}" for v in np.transpose(squares)]
+        print(f"| {level:g}, {azimuth:g} | {both[0]} | {both[1]} |", flush=True)
+
+
 def main(runs=100):
     """All of them."""
     sigma = np.array([30.0, 30.0, 60.0]) * DEG
+    honesty(motion(*S_TURN), runs)
     laser, mems = (settings(sigma, grade, gate="off") for grade in (LASER, MEMS))
     table("S-turn, laser-gyro unit, 60 s", motion(*S_TURN), laser, runs)
     table("S-turn, small tactical unit, 60 s", motion(*S_TURN), mems, runs)

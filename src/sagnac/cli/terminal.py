@@ -18,7 +18,7 @@ _COMPILED = {
     "centrifuge": (("harmonics", "harmonic_sums"), ("harmonics", "look")),
     "apply roll-isolated": (("attitude", "compose"),),
     "align static": (("attitude", "compose"),),
-    "align transfer": (("strapdown", "advance"), ("kalman", "update")),
+    "align transfer": (("strapdown", "advance"), ("kalman", "update"), ("error_model", "system")),
     "align covariance": (("covariance", "follow"),),
     "align monte-carlo": (("lanes_chain", "align"),),
     "navigate": (("strapdown", "trace"),),
