@@ -225,7 +225,8 @@ def test_smoothing_gives_the_end_to_every_time():
     for k in (2, 10, 100):
         assert np.abs((run.smoothed[k] - run.values[-1])[mounting] / run.sigmas[-1, mounting]).max() < 0.25
     assert run.smoothed_sigmas[10, mounting] == pytest.approx(run.sigmas[-1, mounting], rel=0.1)
-    assert np.all(run.smoothed_sigmas <= run.sigmas * (1 + 1e-6))
+    # those of the mounting are of the rotation that is left, the filter's of the numbers told: 0.1 % apart at 0.5 deg
+    assert np.all(run.smoothed_sigmas <= run.sigmas * (1 + 2e-3))
     i = [run.names.index(f"attitude_error.{a}") for a in "xyz"]
     assert np.all(run.smoothed_sigmas[20, i[:2]] < 0.3 * run.sigmas[20, i[:2]])
 
@@ -253,6 +254,11 @@ def test_mountings_of_tens_of_degrees_when_told_where_to_linearise():
     run = transfer(settings, world.slave, world.master, mounting=near)
     z = deviations(run, {"misalignment": mounting})
     assert max(map(abs, z.values())) < 4.0
+    at = [run.names.index(n) for n in z]
+    error = np.array(list(z.values())) * run.sigmas[-1, at]
+    # all three with their covariance: of the rotation vector's numbers, not of a rotation of the slave's axes; 16.3 is 0.1 %
+    assert error @ np.linalg.solve(run.covariance[np.ix_(at, at)], error) < 16.3
+    assert run.sigmas[-1, at] == pytest.approx(np.sqrt(run.covariance[at, at]), rel=1e-9)
     assert run.sigmas[-1, run.names.index("misalignment.z")] < 0.4 * ARCMIN
     assert np.nanmean(run.nis) / 2 == pytest.approx(1.0, abs=0.1)
     heading = heading_pitch_roll(world.course.state(run.time[-1:]).C_b_n)[0]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..frames import Array, heading_pitch_roll
+from ..frames import Array, heading_pitch_roll, left_jacobian
 from ..navigate.state import State
 from ..navigate.strapdown import Navigator
 from . import model
@@ -163,11 +163,20 @@ class History:
         state = filter_.state
         self._times.append(time)
         self._values.append(values)
-        self._sigmas.append(model.reported(self._config, self._states, filter_.P.diagonal(), float(state.height)))
+        variance = filter_.P.diagonal().copy()
+        variance[s("mounting")] = (self._told() @ filter_.P @ self._told().T).diagonal()[s("mounting")]
+        self._sigmas.append(model.reported(self._config, self._states, variance, float(state.height)))
         self._attitudes.append(state.C_b_n)
         self._tilts.append(self._tilt(state))
         self._places.append(np.array([*state.place[:2], state.height]))
         self._matches.append(match)
+
+    def _told(self) -> Array:
+        """Takes errors to those of the numbers told, (n, n): ``log(exp(m) exp(d)) = m + Jr(m)^-1 d`` for the mounting m."""
+        where = self._states.block("mounting")
+        out = np.eye(len(self._states))
+        out[where, where] = np.linalg.inv(left_jacobian(-self._filter.values[where]))
+        return out
 
     def _tilt(self, state: State) -> Array:
         """Covariance of the attitude error in east, north, up."""
@@ -193,7 +202,7 @@ class History:
             np.array(self._times),
             values,
             np.stack(self._sigmas),
-            last.P.copy(),
+            self._told() @ last.P @ self._told().T,
             rows,
             np.stack([nothing if m is None else m.innovation for m in self._matches]),
             np.stack([nothing if m is None else m.sigma for m in self._matches]),

@@ -30,6 +30,7 @@ _ROUNDING = 3e-6  # rad: less noise than this of the master's attitude is none
 _LARGE = np.radians(0.6)
 """A mounting of a larger sigma is looked for before the filter starts: with 1 deg in level and 2 in azimuth a filter that
 starts at zero is off by many sigmas in some of a hundred runs; after a start it is not."""
+_LEVEL = np.radians(3.0)  # of tilt, at which a twentieth of the z accelerometer's bias is in x and y
 _WIDE = 0.2  # rad: of larger mountings the slave's axes are no good measure of the master's
 
 
@@ -234,4 +235,10 @@ def _first_mounting(slave: Slave, master: Master, config: Config) -> tuple[Array
             f"the mounting of {slave.name} cannot be told: {'; '.join(found.notes) or 'the start did not settle'}"
         )
     text = f"the first {found.used:.3g} s show a mounting of about {angles} deg about x, y, z, from which the filter starts"
-    return found.mounting, [text, *found.notes]
+    said = [text, *found.notes]
+    if config.states == "short" and float(np.abs(found.mounting[:2]).max()) > _LEVEL:
+        said.append(
+            "the slave is tilted, and short states leave out the z accelerometer's bias, which its tilt brings into x and y: "
+            'their uncertainties are too small by it; write states = "full"'
+        )
+    return found.mounting, said
