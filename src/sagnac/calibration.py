@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from . import units
 from .errors import InputError
-from .files import write_atomically
+from .files import sha256, write_atomically
 from .frames import Array
 
 SCHEMA = "sagnac/calibration/1"
@@ -119,10 +119,33 @@ class Site(_Record):
     earth_rate: float | None = None
 
 
+class NoiseLevel(_Record):
+    """White noise of the axes x, y, z: density in `unit`, and whether the plan stated or the recording showed it."""
+
+    density: tuple[float, float, float]
+    unit: str
+    origin: Literal["plan", "recording"]
+
+
+class Range(_Record):
+    """Mean and extremes of a quantity over the recording."""
+
+    mean: float
+    minimum: float
+    maximum: float
+
+
+class Environment(_Record):
+    """What the recording tells of its surroundings: temperature [K]."""
+
+    temperature: Range | None = None
+
+
 class Source(_Record):
-    """A file that went in."""
+    """A file that went in, and as what: recording, plan, or prior calibration."""
 
     file: str
+    role: Literal["recording", "plan", "prior"] = "recording"
     sha256: str | None = None
     start: float | None = None
     stop: float | None = None
@@ -147,6 +170,10 @@ class Calibration(_Record):
     covariance: tuple[tuple[float, ...], ...]
     fit: Fit
     budget: tuple[BudgetLine, ...] = ()
+    noise: dict[Literal["accel", "gyro"], NoiseLevel] = {}
+    rig: dict[str, str] = {}
+    """The rig and how far it can be trusted, in the words of the plan."""
+    environment: Environment = Environment()
     site: Site
     source: tuple[Source, ...] = ()
     remarks: tuple[str, ...] = ()
@@ -203,6 +230,11 @@ class Calibration(_Record):
     def to_json(self) -> str:
         """The file's text; numbers are written so that they read back exactly."""
         return json.dumps(self.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False) + "\n"
+
+    def with_source(self, path: str | Path, role: Literal["plan", "prior"]) -> Self:
+        """The same with one more file named among its sources."""
+        more = Source(file=str(path), sha256=sha256(path), role=role)
+        return self.model_copy(update={"source": (*self.source, more)})
 
     def save(self, path: str | Path) -> None:
         """Write the JSON file, whole or not at all."""
@@ -293,7 +325,7 @@ def _summary(cal: Calibration) -> str:
     head = [f"Calibration by {cal.method}", ""]
     if cal.unit.model or cal.unit.serial:
         head.append(f"  unit        {cal.unit.model} {cal.unit.serial}".rstrip())
-    head += [f"  recording   {s.file}" + (f"  sha256 {s.sha256[:12]}..." if s.sha256 else "") for s in cal.source]
+    head += [f"  {s.role:<10}  {s.file}" + (f"  sha256 {s.sha256[:12]}..." if s.sha256 else "") for s in cal.source]
     gravity = f"{cal.site.gravity:.6f} m/s^2"
     head.append(f"  gravity     {gravity}" + (f" ({cal.site.gravity_source})" if cal.site.gravity_source else ""))
     head += ["", f"  {'parameter':<28}{'value':>14}  {'std. unc.':>11}  {'unit':<16}"]

@@ -42,6 +42,10 @@ def write_atomically(path: str | Path) -> Iterator[Path]:
 
 
 def sha256(path: str | Path) -> str:
-    """SHA-256 of a file, in hexadecimal."""
-    with Path(path).open("rb") as stream:
+    """SHA-256 of a file, in hexadecimal; of a folder, that of the names of its files and their own SHA-256."""
+    path = Path(path)
+    if path.is_dir():
+        parts = [f"{sha256(p)}  {p.relative_to(path).as_posix()}\n" for p in sorted(path.rglob("*")) if p.is_file()]
+        return hashlib.sha256("".join(parts).encode()).hexdigest()
+    with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

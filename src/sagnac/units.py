@@ -27,6 +27,7 @@ KINDS: dict[str, tuple[str, str]] = {
     "g-squared sensitivity": ("rad*s^3/m^2", "0.01 deg/h/g^2"),
     "ratio": ("", "20 ppm, 0.001"),
     "count": ("count", "count, pulse, LSB"),
+    "sample rate": ("Hz", "100 Hz"),
 }
 
 _DEFINITIONS = f"""

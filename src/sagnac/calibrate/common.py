@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import datetime
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -249,13 +251,16 @@ def result(
     gravity: float,
     recording: Recording | None = None,
     span: tuple[float, float] | None = None,
+    means: SegmentMeans | None = None,
     budget: tuple[record.BudgetLine, ...] = (),
     remarks: Sequence[str] = (),
 ) -> Calibration:
-    """Assemble the result record."""
+    """Assemble the result record; `span` of the samples used and their noise are those of the `means` where there are any."""
     source: tuple[record.Source, ...] = ()
     if recording is not None:
         digest = sha256(recording.path) if recording.path is not None else None
+        if span is None and means is not None:
+            span = means.span
         start, stop = span if span is not None else (None, None)
         source = (record.Source(file=recording.name, sha256=digest, start=start, stop=stop),)
     return Calibration(
@@ -269,6 +274,9 @@ def result(
         covariance=record.covariance_rows(covariance),
         fit=fit,
         budget=budget,
+        noise=_noise_levels(means, plan),
+        rig=plan.rig.texts() if plan is not None and plan.segment else {},
+        environment=_environment(recording),
         site=record.Site(
             latitude=plan.latitude if plan else None,
             height=plan.height if plan else 0.0,
@@ -277,7 +285,32 @@ def result(
             earth_rate=plan.earth_rate if plan else None,
         ),
         source=source,
-        remarks=tuple(dict.fromkeys(remarks)),
+        remarks=tuple(dict.fromkeys([*remarks, *(recording.remarks if recording else ())])),
         software=record.Software(version=__version__),
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     )
+
+
+def _noise_levels(means: SegmentMeans | None, plan: Plan | None) -> dict[Literal["accel", "gyro"], record.NoiseLevel]:
+    """White noise of each sensor: as found in the means, or as the plan states it where they cannot tell."""
+    kinds: tuple[tuple[Literal["accel", "gyro"], str], ...] = (("accel", "m/s^2"), ("gyro", "rad/s"))
+    out: dict[Literal["accel", "gyro"], record.NoiseLevel] = {}
+    for sensor, reading in kinds:
+        stated = getattr(plan.unit.noise, sensor) if plan is not None else None
+        x, y, z = (0.0, 0.0, 0.0)
+        if means is not None and means.noise_degrees_of_freedom > 0 and sensor in means.density:
+            x, y, z = (float(v) for v in means.density[sensor])
+        if min(x, y, z) > 0 and math.isfinite(x + y + z):
+            unit = "count" if means is not None and sensor in means.counts else reading
+            out[sensor] = record.NoiseLevel(density=(x, y, z), unit=f"{unit}/sqrt(Hz)", origin="recording")
+        elif stated:
+            out[sensor] = record.NoiseLevel(density=(stated, stated, stated), unit=f"{reading}/sqrt(Hz)", origin="plan")
+    return out
+
+
+def _environment(recording: Recording | None) -> record.Environment:
+    """What the recording tells of its surroundings."""
+    if recording is None or recording.temperature is None:
+        return record.Environment()
+    mean, least, greatest = recording.temperature
+    return record.Environment(temperature=record.Range(mean=mean, minimum=least, maximum=greatest))

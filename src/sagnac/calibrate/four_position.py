@@ -277,7 +277,7 @@ def _report(
         plan=plan,
         gravity=gravity,
         recording=recording,
-        span=means.span,
+        means=means,
         budget=budget,
         remarks=remarks,
     )

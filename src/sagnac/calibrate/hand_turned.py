@@ -176,7 +176,7 @@ def _report(
         plan=plan,
         gravity=gravity,
         recording=recording,
-        span=means.span,
+        means=means,
         remarks=remarks,
     )
 

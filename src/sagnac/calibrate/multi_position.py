@@ -349,6 +349,6 @@ def _report(
         plan=plan,
         gravity=site.gravity,
         recording=recording,
-        span=means.span,
+        means=means,
         remarks=remarks,
     )

@@ -404,7 +404,7 @@ def _report(solution: Solution, recording: Recording | None) -> Calibration:
         plan=case.plan,
         gravity=case.gravity,
         recording=recording,
-        span=case.means.span,
+        means=case.means,
         remarks=case.remarks,
     )
 

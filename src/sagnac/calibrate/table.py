@@ -197,6 +197,6 @@ def _report(
         plan=plan,
         gravity=model.site.gravity,
         recording=recording,
-        span=means.span,
+        means=means,
         remarks=remarks,
     )

@@ -16,6 +16,7 @@ from .commands_plan import plan_app
 from .commands_simulate import EXAMPLE as SIMULATE_EXAMPLE
 from .commands_simulate import simulate
 from .commands_static import NAVIGATE_EXAMPLE, navigate
+from .opening import Opening, reads_recording
 
 app = typer.Typer(
     name="sagnac",
@@ -75,6 +76,7 @@ def demo(
     "`sagnac calibrate norm log.csv --gravity '9.81744 m/s^2' --out cal.json`, or on a centrifuge: "
     "`sagnac calibrate centrifuge spun.csv --plan arm.toml --prior at-1g.json --out cal.json`"
 )
+@reads_recording
 def calibrate(
     method: Annotated[
         str,
@@ -85,9 +87,6 @@ def calibrate(
     recording: options.RecordingFile,
     plan: options.PlanFile = None,
     out: Annotated[Path | None, typer.Option("--out", help="Calibration file to write (JSON).")] = None,
-    units: options.Units = None,
-    scale: options.Scale = None,
-    names: options.Map = None,
     gravity: options.Gravity = None,
     latitude: options.Latitude = None,
     height: options.Height = None,
@@ -110,6 +109,8 @@ def calibrate(
         Path | None, typer.Option(help="Draw the log with its segments or static intervals (PNG, SVG, PDF).")
     ] = None,
     as_json: options.Json = False,
+    *,
+    opening: Opening,
 ) -> None:
     """Calibrate a unit from a recording.
 
@@ -122,7 +123,7 @@ def calibrate(
     options.keep_inputs(("--out", out), ("--plot", plot), inputs=(recording, plan, prior))
     options.check_picture(plot)
     done = options.plan_with(plan, gravity, latitude, height)
-    opened = options.open_with(recording, done, units, scale, names)
+    opened = opening.open(recording, plan=done)
     hand_turned = method == "norm" and (done is None or not done.segment) and "gyro" in opened.has
     announce_compilation("hand-turned" if hand_turned else method)
     result = run(
@@ -147,15 +148,15 @@ def calibrate(
 
 
 @app.command(epilog="Example: `sagnac apply cal.json recording.csv --out compensated.parquet`")
+@reads_recording
 def apply(
     calibration: Annotated[Path, typer.Argument(help="Calibration file (JSON).", metavar="CAL.JSON")],
     recording: options.RecordingFile,
     out: Annotated[Path, typer.Option("--out", help="Compensated recording to write (.parquet or .csv).")],
     plan: options.PlanFile = None,
-    units: options.Units = None,
-    scale: options.Scale = None,
-    names: options.Map = None,
     as_json: options.Json = False,
+    *,
+    opening: Opening,
 ) -> None:
     """Compensate a recording: readings in, specific force and angular rate out."""
     from ..calibration import load
@@ -165,25 +166,25 @@ def apply(
     options.keep_inputs(("--out", out), inputs=(recording, calibration, plan))
     model = load(calibration)
     announce_compilation(f"apply {model.method}")
-    opened = options.open_with(recording, options.plan_with(plan, None, None, None), units, scale, names, model)
+    opened = opening.open(recording, plan=options.plan_with(plan, None, None, None), calibration=model)
     with counting(f"compensating {recording.name}") as progress:
         rows = run(model, opened, out, progress=progress)
     typer.echo(json.dumps({"out": str(out), "samples": rows}) if as_json else f"{out}: {rows} samples")
 
 
 @app.command(epilog="Example: `sagnac verify cal.json check.csv --plan check.toml`")
+@reads_recording
 def verify(
     calibration: Annotated[Path, typer.Argument(help="Calibration file (JSON).", metavar="CAL.JSON")],
     recording: options.RecordingFile,
     plan: options.PlanFile = None,
-    units: options.Units = None,
-    scale: options.Scale = None,
-    names: options.Map = None,
     gravity: options.Gravity = None,
     latitude: options.Latitude = None,
     height: options.Height = None,
     static_threshold: options.Threshold = None,
     as_json: options.Json = False,
+    *,
+    opening: Opening,
 ) -> None:
     """Check a calibration on a recording that its fit has not seen; exit status 1 when it fails."""
     from ..calibration import load
@@ -193,7 +194,7 @@ def verify(
 
     done = options.plan_with(plan, gravity, latitude, height)
     model = load(calibration)
-    opened = options.open_with(recording, done, units, scale, names, model)
+    opened = opening.open(recording, plan=done, calibration=model)
     announce_compilation(model.method)
     outcome = run(model, opened, done, threshold=static_threshold or THRESHOLD)
     typer.echo(json.dumps(outcome.to_dict(), indent=1) if as_json else outcome.summary())

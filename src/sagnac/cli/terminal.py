@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+_SILENT = 10.0
+"""Seconds of reading after which somebody without a terminal would like to hear how far it is."""
 
 
 def note(text: str) -> None:
@@ -65,3 +69,26 @@ def counting(what: str, unit: str = "samples") -> Iterator[Callable[[float], Non
         task = bar.add_task(what, total=None)
         yield lambda done: bar.update(task, completed=done)
         bar.update(task, total=bar.tasks[0].completed)
+
+
+@contextmanager
+def reading(name: str, size: int) -> Iterator[Callable[[int], None]]:
+    """Progress through a file of so many bytes: a bar on a terminal, a line now and then in a long reading otherwise."""
+    if not sys.stderr.isatty():
+        due = time.monotonic() + _SILENT
+
+        def say(done: int) -> None:
+            nonlocal due
+            if time.monotonic() > due:
+                due = time.monotonic() + _SILENT
+                note(f"reading {name}: {done / size:.0%}")
+
+        yield say
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
+
+    columns = (TextColumn("reading {task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(name, total=size)
+        yield lambda done: bar.update(task, completed=done)

@@ -1,38 +1,139 @@
 """Tables of samples in the files that people have, one module a format.
 
-Every format module has ``open_table(path)``, which returns a :class:`Table`; nothing here knows what a column means.
+Every format module has ``open_table(path)``, or ``open_table(path, select)`` where one file may hold several recordings; it
+returns a :class:`Table`. Which sensor is meant, in which unit, is only known here where the format itself fixes it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 from ..errors import InputError
-from .table import Table
+from .table import Fault, Table
 
-__all__ = ["Table", "open_table"]
+__all__ = ["FORMATS", "Fault", "Format", "Table", "format_of", "open_table"]
+
+_HEAD = 4096
 
 
-def open_table(path: str | Path) -> Table:
-    """Open a file of samples, its format told by its first bytes.
+@dataclass(frozen=True)
+class Format:
+    """A format and how it is known.
+
+    Attributes
+    ----------
+    name : str
+        For messages.
+    module : str
+    recognised : callable
+        Tells from the first 4 kB whether a file is of this format.
+    several : bool
+        Whether a file may hold several recordings, of which `select` names one.
+    """
+
+    name: str
+    module: str
+    recognised: Callable[[bytes], bool]
+    several: bool = False
+
+
+def _begins(*magic: bytes) -> Callable[[bytes], bool]:
+    return lambda head: head.startswith(magic)
+
+
+def _hdf5(head: bytes) -> bool:
+    """Whether the signature stands where HDF5 allows it: at 0, 512, 1024, 2048 bytes."""
+    return any(head[at : at + 8] == b"\x89HDF\r\n\x1a\n" for at in (0, 512, 1024, 2048))
+
+
+def _content(head: bytes) -> list[bytes]:
+    """Lines that are neither blank nor comments, the last one perhaps cut off."""
+    lines = (line.strip() for line in head.replace(b"\r", b"\n").split(b"\n"))
+    return [line for line in lines if line and not line.startswith((b"#", b"%", b"//", b"\xef\xbb\xbf#"))]
+
+
+def _xsens(head: bytes) -> bool:
+    """Whether it is text with Xsens' comment lines, or its own names of columns."""
+    lines = _content(head)
+    known = (b"PacketCounter", b"SampleTimeFine", b"Acc_X", b"Gyr_X")
+    return bool(lines) and b"\0" not in head and any(name in lines[0] for name in known)
+
+
+def _bare_numbers(head: bytes) -> bool:
+    """Whether the first line that says anything is numbers alone."""
+    lines = _content(head)
+    fields = lines[0].replace(b",", b" ").replace(b";", b" ").split() if lines else []
+    try:
+        return bool([float(field) for field in fields])
+    except ValueError:
+        return False
+
+
+FORMATS = (
+    Format("Parquet", "parquet", _begins(b"PAR1")),
+    Format("PX4 ULog", "ulog", _begins(b"ULog\x01\x12\x35"), several=True),
+    Format("ArduPilot DataFlash", "dataflash", _begins(b"\xa3\x95\x80"), several=True),
+    Format("ROS 1 bag", "rosbag1", _begins(b"#ROSBAG V"), several=True),
+    Format("MCAP", "mcap", _begins(b"\x89MCAP0\r\n"), several=True),
+    Format("ROS 2 bag (SQLite)", "rosbag2", _begins(b"SQLite format 3\0"), several=True),
+    Format("Inertial Explorer IMR", "imr", _begins(b"$IMURAW")),
+    Format("MATLAB 5", "mat5", _begins(b"MATLAB 5.0 MAT-file")),
+    Format("HDF5 or MATLAB 7.3", "hdf5", _hdf5),
+    Format("Xsens text export", "xsens", _xsens),
+    Format("text of numbers", "numbers", _bare_numbers),
+    Format("CSV", "csv", _begins(b"")),  # whatever is left
+)
+"""In the order in which they are tried."""
+
+
+def format_of(path: str | Path) -> Format:
+    """The format of a file, told by its first bytes; of a folder, by its being a ROS 2 bag.
 
     Raises
     ------
     InputError
-        When the file is missing, empty or of no known format.
+        When the file is missing or empty.
     """
     path = Path(path)
+    if path.is_dir():
+        return next(f for f in FORMATS if f.module == "rosbag2")
     try:
         with path.open("rb") as stream:
-            head = stream.read(4)
+            head = stream.read(_HEAD)
     except OSError as cause:
         raise InputError(f"{path}: cannot read: {cause.strerror}") from cause
     if not head:
         raise InputError(f"{path}: the file is empty")
-    if head == b"PAR1":
-        from . import parquet
+    return next(f for f in FORMATS if f.recognised(head))
 
-        return parquet.open_table(path)
-    from . import csv
 
-    return csv.open_table(path)
+def open_table(path: str | Path, select: str | None = None) -> Table:
+    """Open a file of samples, its format told by its first bytes.
+
+    Parameters
+    ----------
+    path : path
+    select : str, optional
+        Which of several recordings in the file: the topic of a bag, the instance of a sensor.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, empty or of no known format, or `select` names nothing in it.
+    """
+    path = Path(path)
+    found = format_of(path)
+    module = import_module(f".{found.module}", __name__)
+    if found.several:
+        opened = module.open_table(path, select)
+    elif select is not None:
+        raise InputError(
+            f"{path}: a file of this format ({found.name}) holds one recording; --select {select} has no use"
+        )
+    else:
+        opened = module.open_table(path)
+    assert isinstance(opened, Table)
+    return opened

@@ -3,9 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from ..errors import InputError
+
+
+class Fault(InputError):  # noqa: N818 - the fault is the file's
+    """Damage inside a file whose beginning was sound: what was read before it stands.
+
+    Parameters
+    ----------
+    path : path
+    offset : int
+        First byte that could not be used.
+    reason : str
+    """
+
+    def __init__(self, path: str | Path, offset: int, reason: str) -> None:
+        super().__init__(f"{path}: damaged at byte {offset}: {reason}")
+        self.path, self.offset, self.reason = Path(path), offset, reason
 
 
 @dataclass(frozen=True)
@@ -16,12 +34,21 @@ class Table:
     ----------
     path : Path
     columns : tuple of str
-        Header texts, stripped.
+        Header texts, stripped. Formats that fix the meaning of their columns give the standard ones, ``accel_x [m/s^2]``.
     read : callable
-        ``read(numeric, other)`` yields pyarrow record batches with the named columns under their header texts,
-        those of `numeric` as float64, those of `other` as they are.
+        ``read(numeric, other)`` yields pyarrow record batches with the named columns under their header texts, those of
+        `numeric` as float64, those of `other` as they are. Raises :class:`Fault` at damage, after all that lies before it.
+    remarks : tuple of str
+        What the reader did to the samples and the user would not expect.
+    position : callable or None
+        Bytes read so far by the latest `read`, of the size of the file; None where the format cannot tell.
+    size : int
+        Bytes in all, where `position` can tell.
     """
 
     path: Path
     columns: tuple[str, ...]
     read: Callable[[Sequence[str], Sequence[str]], Iterator[Any]]
+    remarks: tuple[str, ...] = ()
+    position: Callable[[], int] | None = field(default=None, repr=False)
+    size: int = 0

@@ -1,102 +1,32 @@
-"""What was done with the unit: site, unit, rig and segments, read from TOML.
-
-Every quantity in the file is a text with its unit; in memory, and in Python calls, everything is SI. Writing a plan
-and reading it back gives an equal plan.
-"""
+"""What a plan holds: site, unit, rig and segments. In memory, and in Python calls, everything is SI."""
 
 from __future__ import annotations
 
 import math
-import re
-import sys
-import tomllib
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    model_validator,
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from .. import earth
+from ..errors import InputError
+from ..files import write_atomically
+from .quantities import (
+    SIZE,
+    AccelDensity,
+    Acceleration,
+    Angle,
+    GSquared,
+    GyroDensity,
+    Length,
+    Quadratic,
+    Rate,
+    Ratio,
+    Time,
+    Triple,
+    plain,
 )
-
-from . import earth, units
-from .errors import InputError
-from .files import write_atomically
-
-# SI unit -> unit that a person would write
-_WRITTEN = {
-    "angle": ("deg", math.pi / 180),
-    "angular rate": ("deg/s", math.pi / 180),
-}
-
-
-def _reader(kind: str) -> Callable[[Any, ValidationInfo], float]:
-    def read(value: Any, info: ValidationInfo) -> float:
-        if isinstance(value, str):
-            try:
-                return units.parse(value, kind, "this key")
-            except InputError as cause:
-                raise ValueError(str(cause).removeprefix("this key: ")) from cause
-        from_file = bool(info.context and info.context.get("file"))
-        if isinstance(value, int | float) and not isinstance(value, bool) and (kind == "ratio" or not from_file):
-            if not abs(value) <= sys.float_info.max:
-                raise ValueError(
-                    f"{value:.3g} is not finite" if isinstance(value, float) else "the number is too large"
-                )
-            return float(value)  # in Python, SI
-        raise ValueError(f"write it as a text with its unit, for example {units.KINDS[kind][1]!r}; got {value!r}")
-
-    return read
-
-
-Angle = Annotated[float, BeforeValidator(_reader("angle")), Field(json_schema_extra={"kind": "angle"})]
-Rate = Annotated[float, BeforeValidator(_reader("angular rate")), Field(json_schema_extra={"kind": "angular rate"})]
-Time = Annotated[float, BeforeValidator(_reader("time")), Field(json_schema_extra={"kind": "time"})]
-Length = Annotated[float, BeforeValidator(_reader("length")), Field(json_schema_extra={"kind": "length"})]
-Acceleration = Annotated[
-    float, BeforeValidator(_reader("acceleration")), Field(json_schema_extra={"kind": "acceleration"})
-]
-Ratio = Annotated[float, BeforeValidator(_reader("ratio")), Field(json_schema_extra={"kind": "ratio"})]
-AccelDensity = Annotated[
-    float,
-    BeforeValidator(_reader("accelerometer noise density")),
-    Field(json_schema_extra={"kind": "accelerometer noise density"}),
-]
-GyroDensity = Annotated[
-    float,
-    BeforeValidator(_reader("gyro noise density")),
-    Field(json_schema_extra={"kind": "gyro noise density"}),
-]
-Quadratic = Annotated[
-    float,
-    BeforeValidator(_reader("quadratic coefficient")),
-    Field(json_schema_extra={"kind": "quadratic coefficient"}),
-]
-GSquared = Annotated[
-    float, BeforeValidator(_reader("g-squared sensitivity")), Field(json_schema_extra={"kind": "g-squared sensitivity"})
-]
-Triple = tuple[Quadratic, Quadratic, Quadratic]
-
-
-def _not_negative(value: float) -> float:
-    if value < 0:
-        raise ValueError(f"{value:g} is negative; an uncertainty, bound or noise is a size")
-    return value
-
-
-_SIZE = AfterValidator(_not_negative)
-
-
-# texts and comments, in which a semicolon parts nothing, or else a semicolon
-_TEXTS = (r'"""(?:\\.|[^\\])*?"""', r"'''.*?'''", r'"(?:\\.|[^"\\\n])*"', r"'[^'\n]*'", r"#[^\n]*")
-_SEMICOLON = re.compile("|".join([*_TEXTS, r";[ \t]*"]), re.DOTALL)
 
 
 class _Record(BaseModel):
@@ -106,19 +36,19 @@ class _Record(BaseModel):
 class Noise(_Record):
     """White noise of the sensors: density per sqrt(Hz), so that a mean over T seconds has density^2 / T."""
 
-    accel: Annotated[AccelDensity, _SIZE] | None = None
-    gyro: Annotated[GyroDensity, _SIZE] | None = None
+    accel: Annotated[AccelDensity, SIZE] | None = None
+    gyro: Annotated[GyroDensity, SIZE] | None = None
 
 
 class Limits(_Record):
     """Bounds (one sigma) of what a method cannot see; they go into its uncertainty budget."""
 
-    accel_k2: Annotated[Quadratic, _SIZE] | None = None
-    gyro_g_squared: Annotated[GSquared, _SIZE] | None = None
-    accel_drift: Annotated[Acceleration, _SIZE] | None = None
+    accel_k2: Annotated[Quadratic, SIZE] | None = None
+    gyro_g_squared: Annotated[GSquared, SIZE] | None = None
+    accel_drift: Annotated[Acceleration, SIZE] | None = None
     """Change of an accelerometer bias over the whole test."""
-    gyro_drift: Annotated[Rate, _SIZE] | None = None
-    gyro_scale: Annotated[Ratio, _SIZE] | None = None
+    gyro_drift: Annotated[Rate, SIZE] | None = None
+    gyro_scale: Annotated[Ratio, SIZE] | None = None
     """Scale error of a gyro whose scale the rig cannot show (roll-isolated y and z)."""
 
 
@@ -144,27 +74,27 @@ class Rig(_Record):
     """The rig and how far its settings can be trusted (one sigma)."""
 
     kind: Literal["turntable", "centrifuge", "roll-isolated"] = "turntable"
-    angle_uncertainty: Annotated[Angle, _SIZE] = 0.0
+    angle_uncertainty: Annotated[Angle, SIZE] = 0.0
     """Each setting of each table axis or gimbal."""
-    axis_uncertainty: Annotated[Angle, _SIZE] = 0.0
+    axis_uncertainty: Annotated[Angle, SIZE] = 0.0
     """Tilt, non-perpendicularity and zero of a turntable; tilt of a centrifuge's arm axis."""
-    rate_uncertainty: Annotated[Ratio, _SIZE] = 0.0
+    rate_uncertainty: Annotated[Ratio, SIZE] = 0.0
     """Relative error of the rate, common to all segments."""
     axes: dict[str, Letter] = Field(default=AXES, min_length=1, max_length=3)
     """Names of a turntable's axes in order from the base to the unit, and what each turns about at zero."""
     radius: Length | None = None
     """Effective radius of a centrifuge's arm."""
-    radius_uncertainty: Annotated[Length, _SIZE] = 0.0
+    radius_uncertainty: Annotated[Length, SIZE] = 0.0
     counter_rotating: bool = True
     """Whether the platform on the arm keeps its direction (or else turns with the arm)."""
-    phase_uncertainty: Annotated[Angle, _SIZE] = 0.0
+    phase_uncertainty: Annotated[Angle, SIZE] = 0.0
     """Of a centrifuge's arm_phase, common to all segments."""
     arm_continuous: bool | None = None
     """How a centrifuge's arm got from segment to segment where arm_phase is not given: turning on steadily (true), or so as to
     pass the same angle at every start (false); left out: as the data fit."""
-    encoder_resolution: Annotated[Angle, _SIZE] = 0.0
+    encoder_resolution: Annotated[Angle, SIZE] = 0.0
     """Step of a roll-isolated rig's encoder."""
-    encoder_uncertainty: Annotated[Angle, _SIZE] | None = None
+    encoder_uncertainty: Annotated[Angle, SIZE] | None = None
     """Of each harmonic of the encoder's eccentricity; left out: nothing is known of it."""
     encoder_delay: Time | None = None
     """How much later the encoder is read than the samples' time says; left out: estimated."""
@@ -185,6 +115,12 @@ class Rig(_Record):
         while len(given) < 3:
             given.append(next(a for a in ("x", "y", "z") if a != given[-1]))
         return given[0], given[1], given[2]
+
+    def texts(self) -> dict[str, str]:
+        """What is stated of the rig, by key, as a plan would write it."""
+        said = plain(self)
+        axes = said.pop("axes", None)
+        return {"kind": self.kind, **{k: str(v) for k, v in said.items()}} | ({"axes": ", ".join(axes)} if axes else {})
 
 
 class Segment(_Record):
@@ -282,12 +218,12 @@ def _check_rig(segment: Segment, kind: str) -> None:
 
 
 class Plan(_Record):
-    """Site, unit, rig and segments. See :func:`load`."""
+    """Site, unit, rig and segments. See :func:`sagnac.plan.load`."""
 
     latitude: Angle | None = None
     height: Length = 0.0
     gravity: Acceleration | None = None
-    gravity_uncertainty: Annotated[Acceleration, _SIZE] = 0.0
+    gravity_uncertainty: Annotated[Acceleration, SIZE] = 0.0
     earth_rate: Rate = earth.EARTH_RATE
     unit: Unit = Unit()
     rig: Rig = Rig()
@@ -352,7 +288,7 @@ class Plan(_Record):
         """The plan as TOML text; reading it back gives an equal plan."""
         import tomlkit
 
-        table = _plain(self)
+        table = plain(self)
         if self.rig.kind == "centrifuge":
             for segment in table.get("segment", []):
                 segment.setdefault("arm_rate", "0 deg/s")  # a default, yet nothing to leave to the reader
@@ -379,133 +315,3 @@ def _renamed(segment: dict[str, Any], names: list[str], *, back: bool = False) -
     absent = list(AXES)[len(names) :]
     out = {to.get(key, key): value for key, value in segment.items() if not (back and key in absent)}
     return out if back else {**dict.fromkeys(absent, "0 deg"), **out}
-
-
-def load(path: str | Path) -> Plan:
-    """Read a plan.
-
-    Parameters
-    ----------
-    path : path of a TOML file
-
-    Returns
-    -------
-    Plan
-
-    Raises
-    ------
-    InputError
-        With the key at fault and what to write instead.
-    """
-    return from_table(read_toml(path), str(path))
-
-
-def read_toml(path: str | Path, what: str = "plan") -> dict[str, Any]:
-    """Table of a TOML file in which semicolons may part keys on one line.
-
-    Parameters
-    ----------
-    path : path
-    what : str
-        What the file is, for the message.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read.
-    """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as cause:
-        raise InputError(f"{path}: cannot read the {what}: {cause}") from cause
-    lines, origin = _one_key_a_line(text)
-    try:
-        return tomllib.loads(lines)
-    except tomllib.TOMLDecodeError as cause:
-        said = re.sub(r"at line (\d+), column \d+", lambda m: f"at line {origin[int(m[1]) - 1]}", str(cause))
-        raise InputError(f"{path}: cannot read the {what}: {said}") from cause
-    except ValueError as cause:  # a number with thousands of digits
-        raise InputError(f"{path}: cannot read the {what}: {cause}") from cause
-    except RecursionError as cause:
-        raise InputError(f"{path}: cannot read the {what}: its brackets are nested too deeply") from cause
-
-
-def from_table(table: dict[str, Any], source: str = "plan") -> Plan:
-    """A plan from the table that a TOML file holds, see :func:`load`."""
-    try:
-        return Plan.model_validate(table, context={"file": True})
-    except ValidationError as cause:
-        problems = [f"{_where(e['loc'], table)}: {_what(e)}" for e in cause.errors()]
-        raise InputError(f"{source}: " + "; ".join(problems)) from cause
-
-
-def _one_key_a_line(text: str) -> tuple[str, list[int]]:
-    """TOML with semicolons between keys turned into lines (TOML itself has no such separator; people write it).
-
-    Returns
-    -------
-    text : str
-    origin : list of int
-        Line that each line of `text` had before, counted from one.
-    """
-    cut = _SEMICOLON.sub(lambda m: "\0" if m[0][0] == ";" else m[0], text.replace("\0", "\ufffd"))
-    origin = [1]
-    for end in re.findall("[\n\0]", cut):
-        origin.append(origin[-1] + (end == "\n"))
-    return cut.replace("\0", "\n"), origin
-
-
-def _where(location: tuple[int | str, ...], table: dict[str, Any]) -> str:
-    if len(location) >= 2 and location[0] == "segment" and isinstance(location[1], int):
-        entry = table["segment"][location[1]]
-        name = entry.get("name", f"number {location[1] + 1}") if isinstance(entry, dict) else location[1] + 1
-        return f"segment {name}" + "".join(f", {part}" for part in location[2:])
-    return ".".join(str(part) for part in location) or "the plan"
-
-
-def _what(error: Any) -> str:
-    if error["type"] == "extra_forbidden":
-        return "no such key"
-    if error["type"] == "missing":
-        return "is missing"
-    return str(error["msg"]).removeprefix("Value error, ")
-
-
-def _plain(record: BaseModel) -> dict[str, Any]:
-    """Table of texts with units, defaults left out."""
-    out: dict[str, Any] = {}
-    for name, info in type(record).model_fields.items():
-        value = getattr(record, name)
-        if value == info.default or value is None:
-            continue
-        out[name] = _plain_value(value, _kind(info))
-    return out
-
-
-def _kind(info: Any) -> str | None:
-    for extra in [info.json_schema_extra, *(getattr(m, "json_schema_extra", None) for m in info.metadata)]:
-        if isinstance(extra, dict) and "kind" in extra:
-            return str(extra["kind"])
-    text = repr(info.annotation)
-    return next((kind for kind in units.KINDS if f"{{'kind': '{kind}'}}" in text), None)
-
-
-def _plain_value(value: Any, kind: str | None) -> Any:
-    if isinstance(value, BaseModel):
-        return _plain(value)
-    if isinstance(value, tuple):
-        return [_plain_value(v, kind) for v in value]
-    if isinstance(value, float) and kind is not None:
-        return _text(value, kind)
-    return value
-
-
-def _text(value: float, kind: str) -> str:
-    """The shortest text that reads back as the same number, in degrees where that can be."""
-    if kind in _WRITTEN:
-        unit, size = _WRITTEN[kind]
-        for shown in (round(value / size, 9), value / size):
-            text = f"{shown!r} {unit}"
-            if units.parse(text, kind) == value:
-                return text
-    return f"{value!r} {units.KINDS[kind][0]}".strip()
