@@ -60,10 +60,13 @@ PIN := env -u UV_INDEX -u UV_DEFAULT_INDEX -u UV_INDEX_URL -u UV_EXTRA_INDEX_URL
 	$(UV) pip compile -q --no-config --universal --python-version 3.11 --fork-strategy fewest \
 	--generate-hashes --no-header $(PINS) pyproject.toml requirements/build.in
 
+# what users add by themselves, pip install 'sagnac[pdf]', is all there where the demo and the tests run
+EXTRAS := --extra pdf --extra matlab
+
 pins:  ## write requirements/*.txt anew from pyproject.toml (needs uv)
-	$(PIN) --extra dev --extra docs -o requirements/docs.txt
-	$(PIN) --extra dev -c requirements/docs.txt -o requirements/dev.txt
-	$(PIN) -c requirements/docs.txt -o requirements/run.txt
+	$(PIN) $(EXTRAS) --extra dev --extra docs -o requirements/docs.txt
+	$(PIN) $(EXTRAS) --extra dev -c requirements/docs.txt -o requirements/dev.txt
+	$(PIN) $(EXTRAS) -c requirements/docs.txt -o requirements/run.txt
 
 # ---- .venv: one stamp for each step, each step on top of the one before
 
@@ -121,14 +124,14 @@ define step
 endef
 
 $(VENV)/.run: $(VENV)/.made $(call FROM,run)
-	$(call step,what it needs to run ($(DEPS) versions),$(PREPARE) && $(call INSTALL,run,))
+	$(call step,what it needs to run ($(DEPS) versions),$(PREPARE) && $(call INSTALL,run,$(EXTRAS)))
 
 $(VENV)/.package: $(VENV)/.run pyproject.toml src/sagnac/_version.py
 	@echo "sagnac: installing the package itself ..."
 	@$(PIP) --no-deps --no-build-isolation -e . && touch $@
 
 $(VENV)/.dev: $(VENV)/.package $(call FROM,dev)
-	$(call step,what the tests need ($(DEPS) versions),$(call INSTALL,dev,--extra dev))
+	$(call step,what the tests need ($(DEPS) versions),$(call INSTALL,dev,$(EXTRAS) --extra dev))
 
 $(VENV)/.docs: $(VENV)/.dev $(call FROM,docs)
-	$(call step,what the documentation needs ($(DEPS) versions),$(call INSTALL,docs,--extra dev --extra docs))
+	$(call step,what the documentation needs ($(DEPS) versions),$(call INSTALL,docs,$(EXTRAS) --extra dev --extra docs))

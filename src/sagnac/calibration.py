@@ -5,19 +5,18 @@ The JSON Schema of the file is :data:`SCHEMA_FILE`, published with the package.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from . import units
-from .errors import InputError
-from .files import sha256, write_atomically
+from . import results, units
+from .files import sha256
 from .frames import Array
+from .results import Record, Software, Source
 
 SCHEMA = "sagnac/calibration/1"
 SCHEMA_FILE = Path(__file__).with_name("calibration-1.schema.json")
@@ -40,11 +39,7 @@ _LARGE, _LARGEST = ("rad", "rad/s"), 5e4
 """Angles and rates of more than this many fine units are printed in the coarse one, with more digits."""
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Value(_Record):
+class Value(Record):
     """One parameter; `unit` is SI or counts."""
 
     name: str
@@ -53,7 +48,7 @@ class Value(_Record):
     standard_uncertainty: float = Field(ge=0)
 
 
-class Influence(_Record):
+class Influence(Record):
     """What one segment does to the result (see :class:`sagnac.estimate.Influence`)."""
 
     segment: str
@@ -63,7 +58,7 @@ class Influence(_Record):
     parameter: str
 
 
-class Scatter(_Record):
+class Scatter(Record):
     """Residuals of one kind of reading."""
 
     rms: float
@@ -71,7 +66,7 @@ class Scatter(_Record):
     count: int
 
 
-class Fit(_Record):
+class Fit(Record):
     """How well the model describes the data.
 
     ``residual_rms`` is that of the whitened residuals: one when the stated noise explains them. ``white``,
@@ -90,26 +85,26 @@ class Fit(_Record):
     white: tuple[float, ...] | None = None
     cluster: tuple[float, ...] | None = None
     delete_one: tuple[float, ...] | None = None
-    residuals: dict[str, Scatter] = {}
+    residuals: dict[str, Scatter] = Field(default_factory=dict)
     influence: tuple[Influence, ...] = ()
 
 
-class BudgetLine(_Record):
+class BudgetLine(Record):
     """Contribution of one source to each parameter's standard uncertainty, in the order of the parameters."""
 
     source: str
     standard_uncertainty: tuple[float, ...]
 
 
-class UnitName(_Record):
+class UnitName(Record):
     """Which unit was calibrated, and the nominal scale factors that its counts were read with."""
 
     model: str = ""
     serial: str = ""
-    scale: dict[str, str] = {}
+    scale: dict[str, str] = Field(default_factory=dict)
 
 
-class Site(_Record):
+class Site(Record):
     """Latitude [rad], height [m], gravity [m/s^2], Earth rate [rad/s]."""
 
     latitude: float | None = None
@@ -119,7 +114,7 @@ class Site(_Record):
     earth_rate: float | None = None
 
 
-class NoiseLevel(_Record):
+class NoiseLevel(Record):
     """White noise of the axes x, y, z: density in `unit`, and whether the plan stated or the recording showed it."""
 
     density: tuple[float, float, float]
@@ -127,7 +122,7 @@ class NoiseLevel(_Record):
     origin: Literal["plan", "recording"]
 
 
-class Range(_Record):
+class Range(Record):
     """Mean and extremes of a quantity over the recording."""
 
     mean: float
@@ -135,30 +130,13 @@ class Range(_Record):
     maximum: float
 
 
-class Environment(_Record):
+class Environment(Record):
     """What the recording tells of its surroundings: temperature [K]."""
 
     temperature: Range | None = None
 
 
-class Source(_Record):
-    """A file that went in, and as what: recording, plan, or prior calibration."""
-
-    file: str
-    role: Literal["recording", "plan", "prior"] = "recording"
-    sha256: str | None = None
-    start: float | None = None
-    stop: float | None = None
-
-
-class Software(_Record):
-    """What made the result."""
-
-    name: str = "sagnac"
-    version: str
-
-
-class Calibration(_Record):
+class Calibration(Record):
     """A calibration. :func:`load` reads one, :meth:`save` writes it."""
 
     schema_id: Literal["sagnac/calibration/1"] = Field(default="sagnac/calibration/1", alias="schema")
@@ -170,8 +148,8 @@ class Calibration(_Record):
     covariance: tuple[tuple[float, ...], ...]
     fit: Fit
     budget: tuple[BudgetLine, ...] = ()
-    noise: dict[Literal["accel", "gyro"], NoiseLevel] = {}
-    rig: dict[str, str] = {}
+    noise: dict[Literal["accel", "gyro"], NoiseLevel] = Field(default_factory=dict)
+    rig: dict[str, str] = Field(default_factory=dict)
     """The rig and how far it can be trusted, in the words of the plan."""
     environment: Environment = Environment()
     site: Site
@@ -183,17 +161,7 @@ class Calibration(_Record):
     @model_validator(mode="after")
     def _square(self) -> Self:
         n = len(self.parameters)
-        if len(self.covariance) != n or any(len(row) != n for row in self.covariance):
-            raise ValueError(f"the covariance is not {n} by {n} as the parameters ask")
-        names = [p.name for p in self.parameters]
-        if len(set(names)) != n:
-            raise ValueError("a parameter stands twice")
-        for i, p in enumerate(self.parameters):
-            variance = self.covariance[i][i]
-            sigma = math.sqrt(variance) if variance >= 0 else math.nan
-            if not math.isclose(sigma, p.standard_uncertainty, rel_tol=1e-6, abs_tol=1e-150):
-                raise ValueError(f"the covariance of {p.name} does not agree with its standard uncertainty")
-        self._correlated(names)
+        results.check_covariance(self.parameters, self.covariance)
         for what, values in (
             *((line.source, line.standard_uncertainty) for line in self.budget),
             *((kind, getattr(self.fit, kind)) for kind in ("white", "cluster", "delete_one")),
@@ -201,15 +169,6 @@ class Calibration(_Record):
             if values is not None and len(values) != n:
                 raise ValueError(f"{what!r} gives {len(values)} standard uncertainties for {n} parameters")
         return self
-
-    def _correlated(self, names: Sequence[str]) -> None:
-        """Refuse a covariance that is not symmetric or correlates more than fully."""
-        for i, row in enumerate(self.covariance):
-            for j in range(i):
-                bound = math.sqrt(row[i]) * math.sqrt(self.covariance[j][j])
-                both = row[j], self.covariance[j][i]
-                if abs(both[0] - both[1]) > 1e-9 * bound + 1e-300 or abs(row[j]) > (1 + 1e-6) * bound + 1e-300:
-                    raise ValueError(f"the covariance of {names[i]} and {names[j]} is not that of two quantities")
 
     def values(self) -> dict[str, float]:
         """Parameter values by name, SI or counts."""
@@ -229,7 +188,7 @@ class Calibration(_Record):
 
     def to_json(self) -> str:
         """The file's text; numbers are written so that they read back exactly."""
-        return json.dumps(self.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False) + "\n"
+        return results.to_json(self)
 
     def with_source(self, path: str | Path, role: Literal["plan", "prior"]) -> Self:
         """The same with one more file named among its sources."""
@@ -238,8 +197,7 @@ class Calibration(_Record):
 
     def save(self, path: str | Path) -> None:
         """Write the JSON file, whole or not at all."""
-        with write_atomically(path) as temporary:
-            temporary.write_text(self.to_json(), encoding="utf-8")
+        results.save(self, path)
 
     def summary(self) -> str:
         """The result as a page of text, like a laboratory's report."""
@@ -248,20 +206,7 @@ class Calibration(_Record):
 
 def loads(text: str, source: str = "calibration") -> Calibration:
     """A calibration from JSON text, see :func:`load`."""
-    try:
-        table = json.loads(text)
-    except (ValueError, RecursionError) as cause:
-        raise InputError(f"{source}: not a JSON file: {cause}") from cause
-    version = table.get("schema") if isinstance(table, dict) else None
-    if version != SCHEMA:
-        found = f"its schema is {version!r}" if version else "it names no schema"
-        raise InputError(f"{source}: not a calibration that this version reads ({SCHEMA!r}); {found}")
-    try:
-        return Calibration.model_validate(table)
-    except ValidationError as cause:
-        first = cause.errors()[0]
-        place = ".".join(str(p) for p in first["loc"]) or "file"
-        raise InputError(f"{source}: damaged calibration: {place}: {first['msg']}") from cause
+    return results.loads(Calibration, SCHEMA, "a calibration", text, source)
 
 
 def load(path: str | Path) -> Calibration:
@@ -272,20 +217,12 @@ def load(path: str | Path) -> Calibration:
     InputError
         When the file cannot be read, is no calibration, or is of a version that this one does not know.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as cause:
-        raise InputError(f"{path}: cannot read the calibration: {cause}") from cause
-    return loads(text, str(path))
+    return loads(results.read_text(path, "calibration"), str(path))
 
 
 def json_schema() -> dict[str, Any]:
     """JSON Schema of the file, made from the records above."""
-    schema = Calibration.model_json_schema(by_alias=True)
-    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
-    schema["$id"] = SCHEMA
-    schema["required"] = ["schema", *schema["required"]]  # the record fills it in, a file must name it
-    return schema
+    return results.json_schema(Calibration, SCHEMA)
 
 
 def printed(value: float, sigma: float, si_unit: str) -> tuple[str, str, str]:
@@ -385,11 +322,6 @@ def _budget_lines(cal: Calibration) -> list[str]:
 
 def _remark_lines(cal: Calibration) -> list[str]:
     return ["", *(f"  note: {r}" for r in cal.remarks)] if cal.remarks else []
-
-
-def covariance_rows(matrix: Array) -> tuple[tuple[float, ...], ...]:
-    """Symmetric matrix as nested tuples for the record."""
-    return tuple(tuple(float(v) for v in row) for row in (matrix + matrix.T) / 2)
 
 
 def named(names: Sequence[str], given: Sequence[str], values: Array, covariance: Array) -> tuple[Value, ...]:

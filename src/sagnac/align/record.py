@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
-from ..calibration import Software, Source, covariance_rows
 from ..earth import ELLIPSOID
 from ..errors import InputError
 from ..files import sha256, write_atomically
 from ..frames import Array
+from ..results import Software, Source, covariance_rows, now
 from .checks import verdict
 from .config import Config
 from .history import Run
@@ -130,7 +129,7 @@ def of_run(
             "source": source,
             "remarks": tuple(dict.fromkeys(remarks)),
             "software": Software(version=__version__),
-            "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "created": now(),
             **more,
         }
     )

@@ -5,7 +5,6 @@ The JSON Schema of the file is :data:`SCHEMA_FILE`, published with the package.
 
 from __future__ import annotations
 
-import json
 import math
 import textwrap
 from collections.abc import Sequence
@@ -13,23 +12,17 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from .. import units
-from ..calibration import Software, Source
-from ..errors import InputError
-from ..files import write_atomically
+from .. import results, units
 from ..frames import Array
+from ..results import Record, Software, Source
 
 SCHEMA = "sagnac/alignment/1"
 SCHEMA_FILE = Path(__file__).parents[1] / "alignment-1.schema.json"
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Value(_Record):
+class Value(Record):
     """One quantity in SI; the value is null where there are no data (covariance analysis)."""
 
     name: str
@@ -38,7 +31,7 @@ class Value(_Record):
     standard_uncertainty: float = Field(ge=0)
 
 
-class Innovations(_Record):
+class Innovations(Record):
     """How the measurements fared: normalised innovations squared, which are chi-square when the model is true.
 
     ``mean`` is that of the updates, ``expected`` the number of components of one, ``band`` where the mean lies in 99.9 % of all
@@ -51,10 +44,10 @@ class Innovations(_Record):
     mean: float = Field(ge=0)
     expected: float = Field(gt=0)
     band: tuple[float, float]
-    ratio: dict[str, float] = {}
+    ratio: dict[str, float] = Field(default_factory=dict)
 
 
-class Observed(_Record):
+class Observed(Record):
     """How far the uncertainty of a state fell: standard uncertainty at the start and at the end, SI."""
 
     name: str
@@ -63,7 +56,7 @@ class Observed(_Record):
     final: float = Field(ge=0)
 
 
-class NotObserved(_Record):
+class NotObserved(Record):
     """A quantity of which the data say next to nothing: why, and what would show it."""
 
     name: str
@@ -73,7 +66,7 @@ class NotObserved(_Record):
     shown_by: str
 
 
-class Stretch(_Record):
+class Stretch(Record):
     """A part of the time that was left out."""
 
     start: float
@@ -81,14 +74,14 @@ class Stretch(_Record):
     reason: str
 
 
-class Moment(_Record):
+class Moment(Record):
     """Standard uncertainties of the parameters some time after the start, s, in their order."""
 
     after: float
     standard_uncertainty: tuple[float, ...]
 
 
-class Alignment(_Record):
+class Alignment(Record):
     """An alignment. :func:`load` reads one, :meth:`save` writes it."""
 
     schema_id: Literal["sagnac/alignment/1"] = Field(default="sagnac/alignment/1", alias="schema")
@@ -123,21 +116,7 @@ class Alignment(_Record):
     @model_validator(mode="after")
     def _square(self) -> Self:
         n = len(self.parameters)
-        if len(self.covariance) != n or any(len(row) != n for row in self.covariance):
-            raise ValueError(f"the covariance is not {n} by {n} as the parameters ask")
-        names = [p.name for p in self.parameters]
-        if len(set(names)) != n:
-            raise ValueError("a parameter stands twice")
-        for i, p in enumerate(self.parameters):
-            variance = self.covariance[i][i]
-            sigma = math.sqrt(variance) if variance >= 0 else math.nan
-            if not math.isclose(sigma, p.standard_uncertainty, rel_tol=1e-6, abs_tol=1e-150):
-                raise ValueError(f"the covariance of {p.name} does not agree with its standard uncertainty")
-        for i, row in enumerate(self.covariance):
-            for j in range(i):
-                bound = math.sqrt(row[i]) * math.sqrt(self.covariance[j][j])
-                if abs(row[j] - self.covariance[j][i]) > 1e-9 * bound or abs(row[j]) > (1 + 1e-6) * bound + 1e-300:
-                    raise ValueError(f"the covariance of {names[i]} and {names[j]} is not that of two quantities")
+        results.check_covariance(self.parameters, self.covariance)
         if any(len(m.standard_uncertainty) != n for m in self.course):
             raise ValueError(f"course: each time needs the standard uncertainties of {n} parameters")
         return self
@@ -160,12 +139,11 @@ class Alignment(_Record):
 
     def to_json(self) -> str:
         """The file's text; numbers are written so that they read back exactly."""
-        return json.dumps(self.model_dump(by_alias=True, mode="json"), indent=1, allow_nan=False) + "\n"
+        return results.to_json(self)
 
     def save(self, path: str | Path) -> None:
         """Write the JSON file, whole or not at all."""
-        with write_atomically(path) as temporary:
-            temporary.write_text(self.to_json(), encoding="utf-8")
+        results.save(self, path)
 
     def summary(self) -> str:
         """The result as a page of text."""
@@ -174,20 +152,7 @@ class Alignment(_Record):
 
 def loads(text: str, source: str = "alignment") -> Alignment:
     """An alignment from JSON text, see :func:`load`."""
-    try:
-        table = json.loads(text)
-    except (ValueError, RecursionError) as cause:
-        raise InputError(f"{source}: not a JSON file: {cause}") from cause
-    version = table.get("schema") if isinstance(table, dict) else None
-    if version != SCHEMA:
-        found = f"its schema is {version!r}" if version else "it names no schema"
-        raise InputError(f"{source}: not an alignment that this version reads ({SCHEMA!r}); {found}")
-    try:
-        return Alignment.model_validate(table)
-    except ValidationError as cause:
-        first = cause.errors()[0]
-        place = ".".join(str(p) for p in first["loc"]) or "file"
-        raise InputError(f"{source}: damaged alignment: {place}: {first['msg']}") from cause
+    return results.loads(Alignment, SCHEMA, "an alignment", text, source)
 
 
 def load(path: str | Path) -> Alignment:
@@ -198,20 +163,12 @@ def load(path: str | Path) -> Alignment:
     InputError
         When the file cannot be read, is no alignment, or is of a version that this one does not know.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as cause:
-        raise InputError(f"{path}: cannot read the alignment: {cause}") from cause
-    return loads(text, str(path))
+    return loads(results.read_text(path, "alignment"), str(path))
 
 
 def json_schema() -> dict[str, Any]:
     """JSON Schema of the file, made from the records above."""
-    schema = Alignment.model_json_schema(by_alias=True)
-    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
-    schema["$id"] = SCHEMA
-    schema["required"] = ["schema", *schema["required"]]  # the record fills it in, a file must name it
-    return schema
+    return results.json_schema(Alignment, SCHEMA)
 
 
 # --------------------------------------------------------------------------------------------------- the page of text

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from ..frames import Array
 from ..observe.means import SegmentMeans
 from ..plan import Plan
 from ..recording import Recording
+from ..results import Software, Source, covariance_rows, now
 from ..rigs.turntable import Site, attitude, averaging
 
 _POOR = 2.0
@@ -256,13 +256,13 @@ def result(
     remarks: Sequence[str] = (),
 ) -> Calibration:
     """Assemble the result record; `span` of the samples used and their noise are those of the `means` where there are any."""
-    source: tuple[record.Source, ...] = ()
+    source: tuple[Source, ...] = ()
     if recording is not None:
         digest = sha256(recording.path) if recording.path is not None else None
         if span is None and means is not None:
             span = means.span
         start, stop = span if span is not None else (None, None)
-        source = (record.Source(file=recording.name, sha256=digest, start=start, stop=stop),)
+        source = (Source(file=recording.name, sha256=digest, start=start, stop=stop),)
     return Calibration(
         method=method,
         unit=record.UnitName(
@@ -271,7 +271,7 @@ def result(
             scale=dict(recording.scale) if recording else {},
         ),
         parameters=parameters,
-        covariance=record.covariance_rows(covariance),
+        covariance=covariance_rows(covariance),
         fit=fit,
         budget=budget,
         noise=_noise_levels(means, plan),
@@ -286,8 +286,8 @@ def result(
         ),
         source=source,
         remarks=tuple(dict.fromkeys([*remarks, *(recording.remarks if recording else ())])),
-        software=record.Software(version=__version__),
-        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        software=Software(version=__version__),
+        created=now(),
     )
 
 

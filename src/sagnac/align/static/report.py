@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import datetime
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from ..._version import __version__
-from ...calibration import Software, Source, covariance_rows
 from ...earth import STANDARD_GRAVITY
 from ...files import sha256
 from ...frames import Array, heading_pitch_roll, rotation_matrix
 from ...recording import Recording
+from ...results import Software, Source, covariance_rows, now
 from ..result import Alignment, Moment, NotObserved, Observed, Value, values_of
 from . import checks
 from .coarse import gyrocompass, inertial
@@ -76,7 +75,7 @@ def of_means(
         remarks=tuple(remarks),
         source=_source(recording, blocks),
         software=Software(version=__version__),
-        created=_now(),
+        created=now(),
     )
 
 
@@ -108,7 +107,7 @@ def of_fit(
         remarks=(*remarks, *_floor_remarks(found, place, sigmas)),
         source=_source(recording, blocks),
         software=Software(version=__version__),
-        created=_now(),
+        created=now(),
     )
 
 
@@ -120,10 +119,6 @@ def _end(blocks: Blocks) -> float:
 def _source(recording: Recording, blocks: Blocks) -> tuple[Source, ...]:
     digest = sha256(recording.path) if recording.path is not None else None
     return (Source(file=recording.name, sha256=digest, start=blocks.start, stop=_end(blocks)),)
-
-
-def _now() -> str:
-    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
 
 
 def _place(place: Place, velocity: Array, sigmas: Array) -> tuple[Value, ...]:
