@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .plan import Plan
     from .plan import load as load_plan
     from .recording import Recording, from_arrays, open_recording
+    from .recording import open_recording as read
     from .verification import Verification, verify
 
 _LAZY = {
@@ -39,6 +40,7 @@ _LAZY = {
     "load_calibration": ("calibration", "load"),
     "load_plan": ("plan", "load"),
     "open_recording": ("recording", "open_recording"),
+    "read": ("recording", "open_recording"),
     "verify": ("verification", "verify"),
 }
 
@@ -61,6 +63,7 @@ __all__ = [
     "load_calibration",
     "load_plan",
     "open_recording",
+    "read",
     "verify",
 ]
 

@@ -25,6 +25,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
+    epilog="Example: `sagnac demo --out sagnac-demo`, and `sagnac COMMAND --help` for each of the commands.",
 )
 
 
@@ -73,8 +74,8 @@ def demo(
 
 @app.command(
     epilog="Example: `sagnac calibrate norm recording.csv --plan plan.toml --out cal.json`, or for a unit turned by hand: "
-    "`sagnac calibrate norm log.csv --gravity '9.81744 m/s^2' --out cal.json`, or on a centrifuge: "
-    "`sagnac calibrate centrifuge spun.csv --plan arm.toml --prior at-1g.json --out cal.json`"
+    "`sagnac calibrate norm log.csv --gravity '9.81744 m/s^2' --out hand.json`, or on a centrifuge: "
+    "`sagnac calibrate centrifuge spun.csv --plan arm.toml --sensors accel_z --out arm.json`"
 )
 @reads_recording
 def calibrate(
@@ -138,6 +139,10 @@ def calibrate(
         terms=options.parts(terms),
         sensors=options.parts(sensors),
     )
+    if plan is not None:
+        result = result.with_source(plan, "plan")
+    if prior is not None:
+        result = result.with_source(prior, "prior")
     if out is not None:
         result.save(out)
     if plot is not None:
