@@ -12,7 +12,11 @@ import typer
 from .._version import __version__
 from . import options
 from .commands_align import align_app
+from .commands_export import EXAMPLE as EXPORT_EXAMPLE
+from .commands_export import export
 from .commands_plan import plan_app
+from .commands_plot import PLOT_EXAMPLE, plot
+from .commands_report import REPORT_EXAMPLE, report
 from .commands_simulate import EXAMPLE as SIMULATE_EXAMPLE
 from .commands_simulate import simulate
 from .commands_static import NAVIGATE_EXAMPLE, navigate
@@ -33,6 +37,9 @@ app.add_typer(plan_app)
 app.add_typer(align_app)
 app.command(epilog=SIMULATE_EXAMPLE)(simulate)
 app.command(epilog=NAVIGATE_EXAMPLE)(navigate)
+app.command(epilog=PLOT_EXAMPLE)(plot)
+app.command(epilog=EXPORT_EXAMPLE)(export)
+app.command(epilog=REPORT_EXAMPLE)(report)
 
 
 class Matrix(StrEnum):
