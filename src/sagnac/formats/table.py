@@ -38,8 +38,8 @@ class Table:
     read : callable
         ``read(numeric, other)`` yields pyarrow record batches with the named columns under their header texts, those of
         `numeric` as float64, those of `other` as they are. Raises :class:`Fault` at damage, after all that lies before it.
-    remarks : tuple of str
-        What the reader did to the samples and the user would not expect.
+    remarks : sequence of str
+        What the reader did to the samples and the user would not expect. It may grow while the rows are read.
     position : callable or None
         Bytes read so far by the latest `read`, of the size of the file; None where the format cannot tell.
     size : int
@@ -49,6 +49,6 @@ class Table:
     path: Path
     columns: tuple[str, ...]
     read: Callable[[Sequence[str], Sequence[str]], Iterator[Any]]
-    remarks: tuple[str, ...] = ()
+    remarks: Sequence[str] = ()
     position: Callable[[], int] | None = field(default=None, repr=False)
     size: int = 0
