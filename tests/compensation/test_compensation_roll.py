@@ -10,12 +10,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sagnac.calibrate import calibrate
-from sagnac.calibration import Calibration, Fit, Site, Software, covariance_rows, named
+from sagnac.calibration import Calibration, Fit, Site, Software, named
 from sagnac.compensation import apply
 from sagnac.compensation.roll_isolated import COLUMNS, stream
 from sagnac.errors import DataError, InputError
 from sagnac.frames import rot_x
 from sagnac.recording import from_arrays, open_recording
+from sagnac.results import covariance_rows
 from sagnac.rigs.roll_isolated import (
     DELAY,
     ECCENTRICITY,

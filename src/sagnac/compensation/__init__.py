@@ -12,11 +12,9 @@ from ..calibration import Calibration
 from ..errors import DataError, InputError
 from ..files import write_atomically
 from ..recording import SENSORS, Batch, Recording, header_parts
-from ..sensors import TERMS, Correction, Triad, correction, invert
-from ..sensors.axis import unit_of
+from ..sensors import Correction, check_whole, correction, invert
 
 _UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
-_LINEAR = ("bias", "scale_error")
 _RIG_UNITS = {"temperature": "K"}
 
 
@@ -42,38 +40,13 @@ def corrections(calibration: Calibration, recording: Recording) -> dict[str, Cor
                 f"the calibration of the {sensor} triad is for readings in {here}, but {recording.name} gives {there}: open it "
                 "with the same header units and --scale as for the calibration"
             )
-        _refuse_incomplete(calibration, sensor, model)
+        check_whole({p.name: p.unit for p in calibration.parameters}, model)
         out[sensor] = model
     if not out:
         raise DataError(
             f"the calibration says nothing about the sensors in {recording.name} ({', '.join(recording.has)})"
         )
     return out
-
-
-def _refuse_incomplete(calibration: Calibration, sensor: str, model: Correction) -> None:
-    """A hand-edited file may lack an axis or carry other units; neither may pass for a calibration."""
-    own = {p.name: p for p in calibration.parameters if p.name.startswith(f"{sensor}.")}
-    covered = {name[-1] for name in own if len(name.rpartition(".")[2]) == 1}
-    if covered and covered != set("xyz"):
-        raise DataError(
-            f"the calibration covers {sensor} {', '.join(sorted(covered))} only; a triad is compensated as a whole, so all three "
-            "axes are needed"
-        )
-    for term in ("bias", "scale_error", "scale_factor"):
-        there = [axis for axis in "xyz" if f"{sensor}.{term}.{axis}" in own]
-        if 0 < len(there) < 3:
-            raise DataError(
-                f"the calibration gives {sensor}.{term} of {', '.join(there)} only; all three axes are needed"
-            )
-    triad = Triad(sensor, model.counts, full=True, g_sensitivity=sensor == "gyro")
-    expected = dict(zip(triad.names, triad.units, strict=True))
-    expected |= {f"{sensor}.{t}.{a}": unit_of(sensor, t) for t in TERMS[sensor] for a in "xyz" if t not in _LINEAR}
-    for name, unit in expected.items():
-        if name in own and own[name].unit != unit and (unit != "rad" or own[name].unit != "1"):
-            raise DataError(f"the calibration gives {name} in {own[name].unit!r}; it must be in {unit!r}")
-    if not np.linalg.cond(model.matrix / np.maximum(np.abs(np.diag(model.matrix)), 1e-300)[:, None]) < 1e6:
-        raise DataError(f"the {sensor} matrix of the calibration cannot be inverted: an axis has no gain")
 
 
 def compensate(batch: Batch, models: dict[str, Correction]) -> dict[str, np.ndarray]:

@@ -19,8 +19,8 @@ import numpy as np
 from ..calibration import Calibration
 from ..errors import DataError
 from ..frames import Array
-from ..sensors import AXES, INPUT, TERMS, Correction, Triad, correction
-from ..sensors.axis import rows, unit_of
+from ..sensors import AXES, INPUT, Correction, check_whole, correction
+from ..sensors.axis import rows
 
 KINDS = ("accel", "gyro")
 _LINEAR_IN_FORCE = ("d_i", "d_o", "d_s")
@@ -154,7 +154,8 @@ def canonical(calibration: Calibration) -> Canonical:
         model = correction(values, kind, ratio=ratio)
         if model is None:
             continue
-        remarks += _check(calibration, kind, model)
+        check_whole({p.name: p.unit for p in calibration.parameters}, model)
+        remarks += _nominal(calibration, model)
         matrix, bias, g_matrix = _inverse(values, kind, model.counts, ratio)
         higher = {t: v for t, v in model.terms.items() if t not in _LINEAR_IN_FORCE}
         triads[kind] = Linear(kind, matrix, bias, g_matrix, model.counts, higher, _noise(calibration, kind, matrix))
@@ -248,28 +249,11 @@ def _noise(calibration: Calibration, kind: str, matrix: Array) -> Array | None:
     return np.asarray(np.sqrt(matrix**2 @ np.array(level.density) ** 2))
 
 
-def _check(calibration: Calibration, kind: str, model: Correction) -> list[str]:
-    """Refuse what is no whole triad, and say which linear parameters are taken as nominal."""
-    own = {p.name: p.unit for p in calibration.parameters if p.name.startswith(f"{kind}.")}
-    for term in ("bias", "scale_error", "scale_factor", ""):
-        covered = {n[-1] for n in own if n.startswith(f"{kind}.{term}") and len(n.rpartition(".")[2]) == 1}
-        if covered and covered != set(AXES):
-            raise DataError(
-                f"the calibration gives {kind} {term or 'parameters'} of {', '.join(sorted(covered))} only; an export needs "
-                "all three axes"
-            )
-    triad = Triad(kind, model.counts, full=True, g_sensitivity=kind == "gyro")
-    expected = dict(zip(triad.names, triad.units, strict=True))
-    expected |= {
-        f"{kind}.{t}.{a}": unit_of(kind, t) for t in TERMS[kind] for a in AXES if t not in ("bias", "scale_error")
-    }
-    for name, unit in expected.items():
-        if name in own and own[name] != unit and (unit != "rad" or own[name] != "1"):
-            raise DataError(f"the calibration gives {name} in {own[name]!r}; it must be in {unit!r}")
-    if not np.linalg.cond(model.matrix / np.maximum(np.abs(np.diag(model.matrix)), 1e-300)[:, None]) < 1e6:
-        raise DataError(f"the {kind} matrix of the calibration cannot be inverted: an axis has no gain")
+def _nominal(calibration: Calibration, model: Correction) -> list[str]:
+    """Say which linear parameters are taken as nominal."""
+    own = [p.name for p in calibration.parameters if p.name.startswith(f"{model.kind}.")]
     known = {name.split(".")[1] for name in own}
     scale = "scale_factor" if model.counts else "scale_error"
     absent = {"bias": "bias", scale: "scale", "misalignment": "misalignment"}
     missing = [word for term, word in absent.items() if term not in known]
-    return [f"the calibration says nothing of {kind} {', '.join(missing)}: taken as nominal"] if missing else []
+    return [f"the calibration says nothing of {model.kind} {', '.join(missing)}: taken as nominal"] if missing else []

@@ -9,6 +9,7 @@ from __future__ import annotations
 from .axis import TERMS, Axis, Reading
 from .inverse import Correction, correction, forward, invert
 from .triad import AXES, INPUT, Triad, signed_permutation, triad_of
+from .whole import check_whole
 
 __all__ = [
     "AXES",
@@ -18,6 +19,7 @@ __all__ = [
     "Correction",
     "Reading",
     "Triad",
+    "check_whole",
     "correction",
     "forward",
     "invert",
