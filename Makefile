@@ -32,7 +32,7 @@ demo: $(VENV)/.package  ## install what is needed and run `sagnac demo`
 test: $(VENV)/.dev  ## run the tests
 	@OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -n auto --dist worksteal $(ARGS)
 
-bench: $(VENV)/.package  ## run the benchmarks
+bench: $(VENV)/.dev  ## run the benchmarks
 	@$(PY) benchmarks/run.py $(ARGS)
 
 lint: $(VENV)/.dev  ## ruff

@@ -12,9 +12,11 @@ from unittest import mock
 import numpy as np
 from scipy.optimize import least_squares
 
+import bags
 import harmonics
 import lanes
 import plain
+import readers
 import simulate
 import strapdown
 from sagnac.calibrate import common, hand_turned, norm, table
@@ -175,6 +177,10 @@ def main() -> None:
     strapdown.main()
     print()
     lanes.main()
+    print()
+    readers.main()
+    print()
+    bags.main()
 
 
 if __name__ == "__main__":
