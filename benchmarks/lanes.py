@@ -161,7 +161,7 @@ def alignments():
         for k, (east, north) in enumerate(piece.velocities):
             own = slice(k * chain.count, (k + 1) * chain.count)
             one.advance(piece.turns[own], piece.pushes[own], piece.steps[own], piece.heights[own])
-            one.match(Reference(config.trajectory.latitude, 0.0, np.array([east, north, 0.0])), attitude=False)
+            one.match(Reference(config.trajectory.latitude, 0.0, np.array([east, north, 0.0])))
             one.feed_back()
         return one.P
 

@@ -13,9 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sagnac.align import large, large_fit, large_model
+from sagnac.align import large
 from sagnac.align import run as linear
 from sagnac.align.config import Config
+from sagnac.align.large import fit as large_fit
+from sagnac.align.large import model as large_model
 from sagnac.align.master import Master
 from sagnac.align.samples import Slave
 from sagnac.frames import rotation_matrix, rotation_vector

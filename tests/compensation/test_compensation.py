@@ -17,8 +17,8 @@ from pyarrow import parquet
 from sagnac.calibration import loads
 from sagnac.compensation import apply, compensate, corrections
 from sagnac.errors import DataError, InputError
-from sagnac.formats import csv as csv_format
 from sagnac.formats import parquet as parquet_format
+from sagnac.formats.text import csv as csv_format
 from sagnac.recording import from_arrays, open_recording
 from sagnac.sensors import forward
 

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sagnac.errors import InputError, SagnacError
-from sagnac.formats import csv as csv_format
 from sagnac.formats import open_table
+from sagnac.formats.text import csv as csv_format
 
 ROWS = 60
 DATA = np.column_stack([np.arange(ROWS) * 0.01, np.random.default_rng(1).normal(size=(ROWS, 3))])
@@ -110,12 +110,13 @@ def test_a_bad_row_is_named(tmp_path, monkeypatch, block, before, row, damaged, 
     lines = TEXT.splitlines()
     lines[row] = damaged
     expected = says.format(row=row, line=before.count("\n") + 1 + row)
-    assert refusal(put(tmp_path, before + "\n".join(lines))) == expected
+    byte = len((before + "\n".join(lines[:row]) + "\n").encode())
+    assert refusal(put(tmp_path, before + "\n".join(lines))) == f"{expected} (byte {byte})"
 
 
 def test_decimal_commas_are_recognised(tmp_path):
     said = refusal(put(tmp_path, TEXT.replace(",", ";").replace(".", ",")))
-    assert said == "row 1 (line 2): 'time [s]' is '0,0', not a number; decimals are written with a point"
+    assert said == "row 1 (line 2): 'time [s]' is '0,0', not a number; decimals are written with a point (byte 38)"
 
 
 def test_a_quote_that_never_ends(tmp_path):
@@ -213,7 +214,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path):
             for _ in range(size // len(chunk)):
                 stream.write(chunk)
     code = (
-        "import resource, sys\nfrom sagnac.formats import csv, open_table\ncsv._BLOCK = 1 << 20\n"
+        "import resource, sys\nfrom sagnac.formats import open_table\nfrom sagnac.formats.text import csv\ncsv._BLOCK = 1 << 20\n"
         "for path in sys.argv[1:]:\n"
         "    rows = sum(b.num_rows for b in open_table(path).read(['a', 'b', 'c', 'd'], []))\n"
         "    print(rows, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"

@@ -11,7 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sagnac.errors import InputError
-from sagnac.formats import Fault, ardupilot, blocks, dataflash_survey, open_table
+from sagnac.formats import Fault, blocks, open_table
+from sagnac.formats.ardupilot import correction as ardupilot
+from sagnac.formats.ardupilot import survey as dataflash_survey
 
 N = 300
 TIME = 3_000_000 + 2500 * np.arange(N)

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sagnac.errors import InputError
-from sagnac.formats import Fault, format_of, open_table, variables
+from sagnac.formats import Fault, format_of, open_table
+from sagnac.formats.arrays import variables
 
 ROWS = 400
 RNG = np.random.default_rng(12)
@@ -67,7 +68,7 @@ def pieces(path):
 def test_numbers_are_those_that_were_written(tmp_path, monkeypatch, rows, options):
     monkeypatch.setattr(variables, "BATCH", rows)
     path = plain(tmp_path / "log.h5", **options)
-    assert format_of(path).module == "hdf5"
+    assert format_of(path).module == "arrays.hdf5"
     table = open_table(path)
     assert table.columns == COLUMNS
     assert table.remarks == ("read are the arrays of 400 samples; left out, of another length: short (9)",)
@@ -124,7 +125,7 @@ def matlab(path, content):
 def test_matlab(tmp_path):
     imu = {"acc": ACC, "gyr": GYR, "n": COUNTS, "units": {"acc": "m/s^2", "gyr": "deg/s"}}
     path = matlab(tmp_path / "log.mat", {"time": TIME, "imu": imu, "who": "a unit", "R": np.eye(3)})
-    assert format_of(path).module == "hdf5"
+    assert format_of(path).module == "arrays.hdf5"
     table = open_table(path)
     assert table.columns == (
         "imu.acc.1 [m/s^2]", "imu.acc.2 [m/s^2]", "imu.acc.3 [m/s^2]",

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy import io
 
 from sagnac.errors import InputError
-from sagnac.formats import Fault, format_of, open_table, variables
+from sagnac.formats import Fault, format_of, open_table
+from sagnac.formats.arrays import variables
 
 ROWS = 400
 RNG = np.random.default_rng(11)
@@ -65,7 +66,7 @@ def pieces(path, names=None):
 def test_numbers_are_those_that_were_saved(tmp_path, monkeypatch, packed, rows):
     monkeypatch.setattr(variables, "BATCH", rows)
     path = saved(tmp_path, LOG, packed=packed)
-    assert format_of(path).module == "mat5"
+    assert format_of(path).module == "arrays.mat5"
     table = open_table(path)
     assert table.columns == COLUMNS
     assert table.remarks == ("read are the arrays of 400 samples; left out, of another length: R (3)",)

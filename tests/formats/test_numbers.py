@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sagnac.errors import InputError
-from sagnac.formats import Fault, format_of, numbers
+from sagnac.formats import Fault, format_of
+from sagnac.formats.text import numbers
 
 ROWS, WIDTH = 80, 5
 PULSES = np.random.default_rng(3).integers(-4000, 4000, (ROWS, WIDTH)).astype(float)
@@ -68,7 +69,7 @@ def pieces(path, names=NAMES):
 )  # fmt: skip
 @pytest.mark.parametrize("block", [150, 1 << 23])
 def test_numbers_are_those_that_were_written(tmp_path, monkeypatch, content, block):
-    monkeypatch.setattr("sagnac.formats.lines.BLOCK", block)
+    monkeypatch.setattr("sagnac.formats.text.lines.BLOCK", block)
     path = put(tmp_path, content)
     table = numbers.open_table(path)
     assert table.columns == NAMES
@@ -79,7 +80,7 @@ def test_numbers_are_those_that_were_written(tmp_path, monkeypatch, content, blo
 
 @pytest.mark.parametrize("content", [TEXT, written(";"), "# c\n" + written("\t")])
 def test_it_is_recognised(tmp_path, content):
-    assert format_of(put(tmp_path, content)).module == "numbers"
+    assert format_of(put(tmp_path, content)).module == "text.numbers"
 
 
 def test_columns_in_any_order_and_progress(tmp_path):
@@ -109,7 +110,7 @@ def test_columns_in_any_order_and_progress(tmp_path):
     ],
 )
 def test_a_bad_row_is_named_and_those_before_it_are_read(tmp_path, monkeypatch, block, row, end, bad, says):
-    monkeypatch.setattr("sagnac.formats.lines.BLOCK", block)
+    monkeypatch.setattr("sagnac.formats.text.lines.BLOCK", block)
     lines = ["% a log", *TEXT.splitlines()]
     lines[row] = bad
     path = put(tmp_path, end.join(lines) + end)
@@ -151,7 +152,7 @@ def test_a_last_line_without_end_is_remarked(tmp_path):
 
 
 def test_a_line_without_end(tmp_path, monkeypatch):
-    monkeypatch.setattr("sagnac.formats.lines.BLOCK", 1000)
+    monkeypatch.setattr("sagnac.formats.text.lines.BLOCK", 1000)
     read, fault = pieces(put(tmp_path, TEXT[:800] + "\n" + "1" * 5000))
     assert "a line without end" in fault.reason or "fields" in fault.reason
     assert len(read) <= TEXT[:800].count("\n") + 1

@@ -242,7 +242,7 @@ def test_samples_in_a_log_beside_the_file_are_not_passed_over(tmp_path):
 
 
 def test_samples_stream_in_small_pieces(tmp_path, monkeypatch):
-    monkeypatch.setattr("sagnac.formats.ros_table.ROWS", 100)
+    monkeypatch.setattr("sagnac.formats.ros.topics.ROWS", 100)
     table = open_table(w.write(tmp_path / "x", [w.log(5000)]))
     pieces = list(table.read(["time [s]"], []))
     assert max(p.num_rows for p in pieces) < 150

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sagnac.errors import InputError
-from sagnac.formats import Fault, bag_scan, open_table
+from sagnac.formats import Fault, open_table
+from sagnac.formats.ros import scan as bag_scan
 
 ENTRY = w.log(300)
 TRUE = np.column_stack([(ENTRY.stamp - ENTRY.stamp[0]) / 1e9, ENTRY.accel, ENTRY.gyro])

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sagnac.formats import Fault, csv
+from sagnac.formats import Fault
+from sagnac.formats.text import csv
 
 ROWS = 60
 DATA = np.column_stack([np.arange(ROWS) * 0.01, np.random.default_rng(1).normal(size=(ROWS, 2))])
@@ -45,7 +46,7 @@ def test_rows_before_a_bad_one_are_read(tmp_path, monkeypatch, block, end, row, 
     assert notes == [f"n{i}" for i in range(row - 1)]
     assert fault.offset == sum(len((line + end).encode()) for line in lines[: row + 1])
     assert fault.path == path
-    assert str(fault) == f"{path}: {fault.reason}"
+    assert str(fault) == f"{path}: {fault.reason} (byte {fault.offset})"
     assert fault.reason.startswith(f"row {row} (line {row + 2})")
 
 

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from pyulog import ULog
 
 from sagnac.errors import InputError
-from sagnac.formats import Fault, blocks, open_table, ulog_survey
+from sagnac.formats import Fault, blocks, open_table
+from sagnac.formats.px4 import survey as ulog_survey
 
 N = 400
 TIME = 2_000_000 + 1000 * np.arange(N)

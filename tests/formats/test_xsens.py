@@ -58,7 +58,7 @@ PLAIN = export({"PacketCounter": [f"{c:05d}" for c in counted(3582)]})
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_sensors_and_the_packet_counter(tmp_path, between, end):
     path = put(tmp_path, export({"PacketCounter": [f"{c:05d}" for c in counted(3582)]}, between=between, end=end))
-    assert format_of(path).module == "xsens"
+    assert format_of(path).module == "text.xsens"
     table = open_table(path)
     assert table.columns == ("time [s]", "PacketCounter", *STANDARD)
     assert table.remarks == (
@@ -79,7 +79,7 @@ def test_the_rate_in_the_comments(tmp_path, rate):
 
 @pytest.mark.parametrize("block", [300, 1 << 23])
 def test_the_packet_counter_wraps_and_missing_packets_are_gaps(tmp_path, monkeypatch, block):
-    monkeypatch.setattr("sagnac.formats.lines.BLOCK", block)
+    monkeypatch.setattr("sagnac.formats.text.lines.BLOCK", block)
     steps = np.ones(ROWS, int)
     steps[20], steps[40] = 7, 1000
     counter = counted(65510, steps)
@@ -91,7 +91,7 @@ def test_the_packet_counter_wraps_and_missing_packets_are_gaps(tmp_path, monkeyp
 @pytest.mark.parametrize("block", [300, 1 << 23])
 def test_sample_time_fine_wraps(tmp_path, monkeypatch, block):
     # 0.1 ms ticks of 32 bits: MTi user manual, timestamp output
-    monkeypatch.setattr("sagnac.formats.lines.BLOCK", block)
+    monkeypatch.setattr("sagnac.formats.text.lines.BLOCK", block)
     ticks = 2**32 - 1003 + 25 * np.arange(ROWS)
     path = put(tmp_path, export({"PacketCounter": counted(), "SampleTimeFine": ticks % 2**32}, comments=NEW))
     assert open_table(path).remarks == ()
@@ -108,7 +108,7 @@ def test_a_clock_that_is_set_back_is_not_mended(tmp_path):
 @pytest.mark.parametrize("empty", ["", "NaN"])
 @pytest.mark.parametrize("block", [300, 1 << 23])
 def test_utc(tmp_path, monkeypatch, empty, block):
-    monkeypatch.setattr("sagnac.formats.lines.BLOCK", block)
+    monkeypatch.setattr("sagnac.formats.text.lines.BLOCK", block)
     nano = 995_000_000 + 2_500_000 * np.arange(ROWS)
     columns = {
         "SampleTimeFine": [empty] * ROWS,
@@ -194,7 +194,7 @@ def test_empty_fields_become_nan_for_the_checks_to_find(tmp_path):
 
 @pytest.mark.parametrize("block", [300, 1 << 23])
 def test_a_bad_row_is_named_and_those_before_it_are_read(tmp_path, monkeypatch, block):
-    monkeypatch.setattr("sagnac.formats.lines.BLOCK", block)
+    monkeypatch.setattr("sagnac.formats.text.lines.BLOCK", block)
     lines = PLAIN.splitlines(keepends=True)
     for damaged, says in (
         ("00001\t1\t2\n", "row 33 (line 38) has 3 fields where there are 7 columns"),
@@ -216,7 +216,7 @@ def test_a_bad_row_is_named_and_those_before_it_are_read(tmp_path, monkeypatch, 
     ],
 )
 def test_headers_that_cannot_be_used(tmp_path, content, says):
-    from sagnac.formats import xsens
+    from sagnac.formats.text import xsens
 
     with pytest.raises(InputError, match=says):
         xsens.open_table(put(tmp_path, content))

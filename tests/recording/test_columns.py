@@ -7,7 +7,7 @@ import pytest
 from logs import AXES, DEG, HEADER, RAW, G, N, csv, refusal, rows
 
 from sagnac.errors import InputError
-from sagnac.formats import csv as csv_format
+from sagnac.formats.text import csv as csv_format
 from sagnac.recording import nominal_scale, open_recording, sample_interval
 
 # ---------------------------------------------------------------------------------------------- counts and pulses

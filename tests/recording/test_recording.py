@@ -17,8 +17,8 @@ from sagnac.calibrate import calibrate
 from sagnac.calibration import Calibration
 from sagnac.compensation import corrections
 from sagnac.errors import InputError, SagnacError
-from sagnac.formats import csv as csv_format
 from sagnac.formats import parquet as parquet_format
+from sagnac.formats.text import csv as csv_format
 from sagnac.observe.means import segment_means
 from sagnac.plan import Plan, Segment
 from sagnac.recording import from_arrays, header_parts, open_recording

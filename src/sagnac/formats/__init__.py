@@ -74,17 +74,17 @@ def _bare_numbers(head: bytes) -> bool:
 
 FORMATS = (
     Format("Parquet", "parquet", _begins(b"PAR1")),
-    Format("PX4 ULog", "ulog", _begins(b"ULog\x01\x12\x35"), several=True),
-    Format("ArduPilot DataFlash", "dataflash", _begins(b"\xa3\x95\x80"), several=True),
-    Format("ROS 1 bag", "rosbag1", _begins(b"#ROSBAG V"), several=True),
-    Format("MCAP", "mcap", _begins(b"\x89MCAP0\r\n"), several=True),
-    Format("ROS 2 bag (SQLite)", "rosbag2", _begins(b"SQLite format 3\0"), several=True),
+    Format("PX4 ULog", "px4.ulog", _begins(b"ULog\x01\x12\x35"), several=True),
+    Format("ArduPilot DataFlash", "ardupilot.dataflash", _begins(b"\xa3\x95\x80"), several=True),
+    Format("ROS 1 bag", "ros.bag1", _begins(b"#ROSBAG V"), several=True),
+    Format("MCAP", "ros.mcap", _begins(b"\x89MCAP0\r\n"), several=True),
+    Format("ROS 2 bag (SQLite)", "ros.bag2", _begins(b"SQLite format 3\0"), several=True),
     Format("Inertial Explorer IMR", "imr", _begins(b"$IMURAW")),
-    Format("MATLAB 5", "mat5", _begins(b"MATLAB 5.0 MAT-file")),
-    Format("HDF5 or MATLAB 7.3", "hdf5", _hdf5),
-    Format("Xsens text export", "xsens", _xsens),
-    Format("text of numbers", "numbers", _bare_numbers),
-    Format("CSV", "csv", _begins(b"")),  # whatever is left
+    Format("MATLAB 5", "arrays.mat5", _begins(b"MATLAB 5.0 MAT-file")),
+    Format("HDF5 or MATLAB 7.3", "arrays.hdf5", _hdf5),
+    Format("Xsens text export", "text.xsens", _xsens),
+    Format("text of numbers", "text.numbers", _bare_numbers),
+    Format("CSV", "text.csv", _begins(b"")),  # whatever is left
 )
 """In the order in which they are tried."""
 
@@ -99,7 +99,7 @@ def format_of(path: str | Path) -> Format:
     """
     path = Path(path)
     if path.is_dir():
-        return next(f for f in FORMATS if f.module == "rosbag2")
+        return next(f for f in FORMATS if f.module == "ros.bag2")
     try:
         with path.open("rb") as stream:
             head = stream.read(_HEAD)

@@ -1,0 +1,1 @@
+"""Logs of ArduPilot (DataFlash): samples, the autopilot's own correction taken back."""

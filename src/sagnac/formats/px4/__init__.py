@@ -1,0 +1,1 @@
+"""Logs of PX4 (ULog): raw samples of accelerometers and gyros."""

@@ -1,0 +1,1 @@
+"""Text: CSV, bare numbers, Xsens exports."""
