@@ -13,6 +13,7 @@ import pytest
 import typer
 from pyarrow import csv, parquet
 
+from sagnac.align.transfer import covariance
 from sagnac.calibrate import calibrate
 from sagnac.cli import app
 from sagnac.earth import EARTH_RATE, normal_gravity
@@ -92,6 +93,7 @@ def files(rig, tmp_path_factory) -> Path:
     shutil.copy(rig.plan_file, folder / "plan.toml")
     as_csv(rig.recording, folder / "recording.csv")
     shutil.copy(folder / "recording.csv", folder / "check.csv")
+    shutil.copy(rig.recording, folder / "check.parquet")
     shutil.copy(rig.plan_file, folder / "check.toml")
     calibrate("norm", open_recording(folder / "recording.csv", scale=rig.plan.unit.scale), rig.plan).save(
         folder / "cal.json"
@@ -103,6 +105,11 @@ def files(rig, tmp_path_factory) -> Path:
     ship = simulated(made, "transfer-s-turn", duration="20 s")
     for name in ("master.parquet", "recording.parquet", "config.toml"):
         shutil.copy(ship / name, folder / name)
+    covariance(folder / "config.toml", folder / "aligned")
+    shutil.copy(folder / "aligned" / "alignment.json", folder)
+    shutil.copy(folder / "cal.json", folder / "last-year.json")
+    (folder / "details.toml").write_text('number = "C-1"\n[laboratory]\nname = "The laboratory"\n')
+    (folder / "limits.toml").write_text('[limits]\n"accel.bias.*" = "10 mg"\n')
     parked(folder / "parked.parquet")
     (folder / "wanted.toml").write_text(WANTED)
     shutil.copy(made / "transfer-s-turn.toml", folder / "scenario.toml")

@@ -93,7 +93,7 @@ def test_gyrocompass_by_option(run, parked):
         (("--latitude", "100 deg", *AT[2:]), 2, "from -90 deg to 90 deg"),
         ((*AT, "--gyro-bias", "50 ug"), 2, "--gyro-bias"),
         ((*AT, "--gyro-noise", "0.001 deg/h"), 2, "--gyro-noise"),
-        ((*AT, "--from", "100 s"), 1, "no samples between 100 s"),
+        ((*AT, "--from", "100 s"), 1, "no samples from 100 s on"),
         ((*AT, "--from", "50 s", "--to", "20 s"), 2, "no stretch of time"),
         ((*AT, "--gyro-bias", "30 deg/h"), 1, "heading cannot be found"),
         ((*AT, "--gravity", "9.9 m/s^2"), 1, "accel biases of"),
@@ -181,6 +181,32 @@ def test_navigate_says_what_is_wrong(run, parked, aligned, options, status, word
     outcome = run("navigate", parked, *SCALE, *(o.format(aligned=aligned) for o in options))
     assert outcome.status == status
     assert words in outcome.err
+    assert not listed()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (
+            ("--scale", "gyro=10 pulse/arcmin"),
+            "multiplied by 2.90888209e-05, those that {aligned} was made of were by 4.8",
+        ),
+        (("--scale", "accel_y=4000 pulse/(m/s)"), "'accel_y [pulse]' are multiplied by 0.00025"),
+        (("--units", "gyro=arcsec/s"), "'gyro_x [pulse]' are multiplied by 4.84813681e-06"),
+        (("--map", "gyro_x=gyro_y [pulse]", "--map", "gyro_y=gyro_x [pulse]"), "give the same --map"),
+    ],
+)
+def test_navigate_reads_as_its_alignment_did(run, parked, aligned, options, words):
+    outcome = run("navigate", parked, *SCALE, *options, "--start", aligned, "--out", "track.csv")
+    assert outcome.status == 2
+    assert words.format(aligned=aligned) in " ".join(outcome.err.split())
+    assert not listed()
+
+
+def test_navigate_does_not_go_beyond_the_end(run, parked, aligned):
+    outcome = run("navigate", parked, *SCALE, "--start", aligned, "--out", "track.csv", "--to", "300 s")
+    assert outcome.status == 1
+    assert "the samples end at 80 s, before the 300 s that were asked for (--to)" in " ".join(outcome.err.split())
     assert not listed()
 
 

@@ -10,6 +10,7 @@ import typer
 from . import options
 from .commands_monte_carlo import MONTE_CARLO_EXAMPLE, monte_carlo
 from .commands_static import STATIC_EXAMPLE, static
+from .opening import Opening, reads_recording
 
 align_app = typer.Typer(
     name="align",
@@ -30,22 +31,22 @@ ConfigFile = Annotated[
 @align_app.command(
     epilog="Example: `sagnac align transfer --master master.parquet --slave recording.parquet --config config.toml --out aligned`"
 )
+@reads_recording
 def transfer(
     master: Annotated[Path, typer.Option("--master", help="The master's log (CSV or Parquet).", metavar="FILE")],
-    slave: Annotated[Path, typer.Option("--slave", help="Recording of the slave (CSV or Parquet).", metavar="FILE")],
+    slave: Annotated[Path, typer.Option("--slave", help="Recording of the slave.", metavar="FILE")],
     config: ConfigFile,
     out: Annotated[Path, typer.Option("--out", help="Folder for alignment.json, history.parquet and pictures.")],
-    units: options.Units = None,
-    scale: options.Scale = None,
-    names: options.Map = None,
     as_json: options.Json = False,
+    *,
+    opening: Opening,
 ) -> None:
     """Align a slave from its master's velocity, and attitude if wanted; exit status 1 when the logs do not support it."""
     from ..align.transfer import transfer as run
     from ..report.alignment import PICTURES
     from .terminal import announce_compilation, counting
 
-    opened = options.open_with(slave, None, units, scale, names)
+    opened = opening.open(slave)
     announce_compilation("align transfer")
     with counting(f"aligning {slave.name}", "s") as progress:
         found = run(master, opened, config, out, draw=PICTURES, progress=progress)

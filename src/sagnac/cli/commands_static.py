@@ -5,14 +5,11 @@ from __future__ import annotations
 import json
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from . import options
-
-if TYPE_CHECKING:
-    from ..navigate.state import State
 
 STATIC_EXAMPLE = (
     "Example: `sagnac align static parked.parquet --scale 'gyro=10 pulse/arcsec' --scale 'accel=817.996 pulse/(m/s)' "
@@ -151,7 +148,8 @@ def navigate(
 ) -> None:
     """Navigate from an aligned start by the unit's own samples alone."""
     from ..align.result import load
-    from ..align.start import biases_of, state_of
+    from ..align.start import biases_of, refuse_other_reading, state_of
+    from ..earth import gravity_excess
     from ..navigate.free import navigate as run
     from .terminal import announce_compilation, counting
 
@@ -162,6 +160,8 @@ def navigate(
     state = state_of(found, str(start))
     gyro_bias, accel_bias = biases_of(found) if biases else (None, None)
     opened = options.open_with(recording, None, units, scale, names)
+    refuse_other_reading(found, opened, str(start))
+    measured = _si(gravity, "acceleration", "--gravity")
     announce_compilation("navigate")
     with counting(f"navigating {opened.name}") as progress:
         done = run(
@@ -175,7 +175,7 @@ def navigate(
             accel_bias=accel_bias,
             meaning=samples.value,
             vertical=vertical.value,
-            gravity_excess=_excess(state, _si(gravity, "acceleration", "--gravity")),
+            gravity_excess=gravity_excess(measured, float(state.place[0]), float(state.height)),
             bridge=bridge,
             progress=progress,
         )
@@ -186,10 +186,3 @@ def navigate(
     typer.echo(
         json.dumps({"out": str(out), **done.to_dict()}, indent=1) if as_json else f"{done.summary()}\n  track in {out}"
     )
-
-
-def _excess(state: State, gravity: float | None) -> float:
-    """Measured gravity less that of the ellipsoid."""
-    from ..earth import normal_gravity
-
-    return 0.0 if gravity is None else gravity - normal_gravity(float(state.place[0]), float(state.height))

@@ -9,12 +9,30 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..frames import Array
-from .plots import BLUE, GREEN, GREY, ORANGE, _clean, _figure, envelope, save
+from .style import (
+    BAND,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    TEXT,
+    TITLE,
+    WIDTH,
+    End,
+    blank,
+    clean,
+    end_labels,
+    envelope,
+    in_family,
+    powers,
+    save,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,6 +42,7 @@ if TYPE_CHECKING:
 
 _COLOURS = (BLUE, ORANGE, GREEN)
 _AXES = ("x", "y", "z")
+_STYLES = ("-", "--", ":", "-.", (0, (1, 3)), (0, (5, 1)))
 _LINES = {"y": (0, (4, 2))}
 """Standard deviations of x and y often coincide."""
 _HOUR = math.pi / 648000.0  # deg/h in rad/s
@@ -36,12 +55,61 @@ _PANELS = (
     ("flexure", "bending", "arcmin", math.pi / 10800.0),
     ("delay", "delay of the master", "ms", 1e-3),
 )
+_SHORT = {
+    "misalignment": "mounting",
+    "gyro.bias": "gyro bias",
+    "accel.bias": "accelerometer bias",
+    "lever_arm": "lever arm",
+}
+"""Titles of single panels."""
 _SIGMAS = 3.0
 _LEAST = 1e-3  # of the singular values that are drawn
 _POINTS = 1500  # a band is thinned to
 
 
-def _members(run: Run, prefix: str) -> list[int]:
+class Seen(Protocol):
+    """What is drawn of an observability, see :class:`sagnac.align.observability.Observability`."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...  # noqa: D102 - told there
+    @property
+    def ratio(self) -> Array: ...  # noqa: D102
+    @property
+    def directions(self) -> Array: ...  # noqa: D102
+    @property
+    def times(self) -> Array: ...  # noqa: D102
+    @property
+    def over_time(self) -> Array: ...  # noqa: D102
+
+
+class Course(Protocol):
+    """What is drawn of an alignment: a :class:`sagnac.align.history.Run`, or what its files have kept of one."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...  # noqa: D102 - told there
+    @property
+    def time(self) -> Array: ...  # noqa: D102
+    @property
+    def values(self) -> Array: ...  # noqa: D102
+    @property
+    def sigmas(self) -> Array: ...  # noqa: D102
+    @property
+    def smoothed(self) -> Array | None: ...  # noqa: D102
+    @property
+    def innovation_names(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def innovations(self) -> Array: ...  # noqa: D102
+    @property
+    def innovation_sigmas(self) -> Array: ...  # noqa: D102
+    @property
+    def used(self) -> NDArray[np.bool_]: ...  # noqa: D102
+    @property
+    def nis(self) -> Array: ...  # noqa: D102
+    @property
+    def observability(self) -> Seen: ...  # noqa: D102
+
+
+def _members(run: Course, prefix: str) -> list[int]:
     """States of a panel; the rate of a bending is not one of the bending."""
     return [i for i, n in enumerate(run.names) if n == prefix or n.startswith(f"{prefix}.")]
 
@@ -55,68 +123,99 @@ def _colour(name: str) -> str:
     return _COLOURS[_AXES.index(axis)] if axis in _AXES else BLUE
 
 
-def _clock(run: Run) -> tuple[Array, str]:
+def _clock(run: Course) -> tuple[Array, str]:
     """Times to draw over, and their label; long clocks are shown from the first update."""
     if run.time[0] > 10.0 * (run.time[-1] - run.time[0]):
         return run.time - run.time[0], f"time after {run.time[0]:.9g} s [s]"
     return run.time, "time [s]"
 
 
-def estimates_figure(run: Run) -> Figure:
+@in_family
+def estimates_figure(run: Course) -> Figure:
     """Parameters over time with bands of three standard deviations; without data the standard deviations alone.
 
     Parameters
     ----------
-    run : sagnac.align.history.Run
+    run : Course
     """
     panels = [(p, _members(run, p[0])) for p in _PANELS]
     panels = [(p, members) for p, members in panels if members]
-    figure = _figure(9.0, 2.5 * len(panels) + 0.4)
-    known = bool(np.isfinite(run.values).any())
-    _, label = _clock(run)
-    every = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True))
-    for axes, ((_, title, unit, size), members) in zip(every, panels, strict=True):
-        said = _estimates(axes, run, members, size) if known else _deviations(axes, run, members, size)
-        axes.set_ylabel(f"[{unit}]" if known else f"1 σ [{unit}]")
-        axes.set_title(title + said, fontsize=10, loc="left")
-        _legend(axes)
-        _clean(axes)
-    every[-1].set_xlabel(label)
+    if not np.isfinite(run.values).any():
+        return _deviations_figure(run, panels)
+    figure = blank(WIDTH, 1.55 * len(panels) + 0.5)
+    every = figure.subplots(len(panels), 3, sharex=True, squeeze=False)
+    for row, ((_, title, unit, size), members) in zip(every, panels, strict=True):
+        for axes, i in zip(row, members, strict=False):
+            _estimate(axes, run, i, size)
+            axes.set_title(_told(run, i, title, unit, size), fontsize=TEXT - 1, loc="left")
+            clean(axes)
+        for axes in row[len(members) :]:
+            axes.set_visible(False)
+        row[0].set_ylabel(f"[{unit}]")
+    for column in every.T:
+        shown = [axes for axes in column if axes.get_visible()]
+        if shown:
+            shown[-1].tick_params(labelbottom=True)
+            shown[-1].set_xlabel(_clock(run)[1])
+    smoothed = ", smoothed dashed" * (run.smoothed is not None)
+    figure.suptitle(f"estimates, bands of {_SIGMAS:g} σ{smoothed}; last value ± 1 σ", fontsize=TITLE, x=0.01, ha="left")
     return figure
 
 
-def _deviations(axes: Any, run: Run, members: Sequence[int], size: float) -> str:
-    """Curves of the standard deviations; returns what the title adds."""
+def _told(run: Course, i: int, title: str, unit: str, size: float) -> str:
+    """Name of a panel with the last value."""
+    value, sigma = run.values[-1, i] / size, run.sigmas[-1, i] / size
+    digits = int(np.clip(1 - math.floor(math.log10(sigma)), 0, 7)) if sigma > 0 else 4
+    name = run.names[i].rpartition(".")[2]
+    what = _SHORT.get(run.names[i].removesuffix(f".{name}"), title)
+    head = f"{what}, {name}" if name in _AXES else what
+    return f"{head}\n{value:.{digits}f} ± {sigma:.{digits}f} {unit}".replace("-", "−")
+
+
+def _deviations_figure(run: Course, panels: Sequence[tuple[tuple[str, str, str, float], list[int]]]) -> Figure:
+    figure = blank(WIDTH, 2.1 * len(panels) + 0.4)
+    every = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True))
+    ends = []
+    for axes, ((_, title, unit, size), members) in zip(every, panels, strict=True):
+        ends.append((axes, _deviations(axes, run, members, size)))
+        axes.set_ylabel(f"1 σ [{unit}]")
+        axes.set_title(f"{title}, standard deviation", fontsize=TITLE, loc="left")
+        clean(axes)
+    every[-1].set_xlabel(_clock(run)[1])
+    end_labels(figure, ends)
+    return figure
+
+
+def _deviations(axes: Any, run: Course, members: Sequence[int], size: float) -> list[End]:
+    """Curves of the standard deviations; returns their ends."""
     time, some = _clock(run)[0], _thin(run.time.size)
     for i in members:
         name = run.names[i].rpartition(".")[2]
-        style = _LINES.get(name, "-")
-        axes.semilogy(time[some], run.sigmas[some, i] / size, color=_colour(name), lw=1.4, ls=style, label=name)
+        axes.semilogy(
+            time[some], run.sigmas[some, i] / size, color=_colour(name), lw=1.4, ls=_LINES.get(name, "-"), label=name
+        )
     _decade(axes)
-    return ", standard deviation"
+    axes.set_xlim(time[0], time[-1])
+    return [(run.sigmas[-1, i] / size, run.names[i], _colour(run.names[i])) for i in members]
 
 
-def _estimates(axes: Any, run: Run, members: Sequence[int], size: float) -> str:
-    """Curves with their bands; returns what the title adds."""
+def _estimate(axes: Any, run: Course, i: int, size: float) -> None:
+    """A parameter with its band."""
     time, some = _clock(run)[0], _thin(run.time.size)
-    last, first = run.values[-1, members] / size, run.sigmas[0, members] / size
-    apart = bool(np.ptp(last) > 20.0 * first.max())  # a long lever arm: then only what was found of it is in sight
-    zero = last if apart else np.zeros_like(last)
-    for i, base in zip(members, zero, strict=True):
-        name = run.names[i].rpartition(".")[2]
-        colour, label = _colour(name), f"{name} - {base:.4g}".replace("- -", "+ ") if apart else name
-        value, reach = run.values[some, i] / size - base, _SIGMAS * run.sigmas[some, i] / size
-        axes.plot(time[some], value, color=colour, lw=1.2, label=label)
-        axes.fill_between(time[some], value - reach, value + reach, color=colour, alpha=0.15, lw=0)
-        if run.smoothed is not None:
-            axes.plot(time[some], run.smoothed[some, i] / size - base, color=colour, lw=1.0, ls="--")
-    _focus(axes, run.values[:, members] / size - zero, run.sigmas[:, members] / size)
-    return ", bands of 3 σ" + ", smoothed dashed" * (run.smoothed is not None)
+    value, reach = run.values[some, i] / size, _SIGMAS * run.sigmas[some, i] / size
+    axes.fill_between(time[some], value - reach, value + reach, color=BAND, lw=0)
+    for edge in (value - reach, value + reach):
+        axes.plot(time[some], edge, color=BLUE, lw=0.5, alpha=0.6)
+    axes.plot(time[some], value, color=BLUE, lw=1.2)
+    if run.smoothed is not None:
+        axes.plot(time[some], run.smoothed[some, i] / size, color=ORANGE, lw=1.0, ls="--")
+    _focus(axes, run.values[:, i] / size, run.sigmas[:, i] / size)
+    axes.locator_params(axis="both", nbins=4)
 
 
 def _legend(axes: Any) -> None:
     """In one line above the panel, where no curve is."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.96), ncols=3, fontsize=8, frameon=False)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.96), ncols=3, frameon=False)
 
 
 def _decade(axes: Any) -> None:
@@ -132,20 +231,21 @@ def _decade(axes: Any) -> None:
 
 
 def _focus(axes: Any, values: Array, sigmas: Array) -> None:
-    """Show the whole way of the estimates, and of the first bands as much as leaves the last ones visible."""
-    reach = np.maximum(_SIGMAS * sigmas[-1], 0.3 * _SIGMAS * sigmas[0])
-    low = min(float(np.nanmin(values)), float((values[-1] - reach).min()))
-    high = max(float(np.nanmax(values)), float((values[-1] + reach).max()))
+    """Show the whole way of the estimate, and of the first band as much as leaves the last one visible."""
+    reach = max(_SIGMAS * float(sigmas[-1]), 0.3 * _SIGMAS * float(sigmas[0]))
+    low = min(float(np.nanmin(values)), float(values[-1]) - reach)
+    high = max(float(np.nanmax(values)), float(values[-1]) + reach)
     margin = 0.05 * (high - low) or 1.0
     axes.set_ylim(low - margin, high + margin)
 
 
-def innovations_figure(run: Run) -> Figure:
+@in_family
+def innovations_figure(run: Course) -> Figure:
     """What each sample of the master differed by from its prediction, with bands, and the normalised squares.
 
     Parameters
     ----------
-    run : sagnac.align.history.Run
+    run : Course
         With data.
     """
     names = run.innovation_names
@@ -153,7 +253,7 @@ def innovations_figure(run: Run) -> Figure:
     clock, label = _clock(run)
     time = clock[there]
     out = ~run.used[there]
-    figure = _figure(9.0, 1.8 * (len(names) + 1) + 0.4)
+    figure = blank(WIDTH, 1.5 * (len(names) + 1) + 0.4)
     panels = figure.subplots(len(names) + 1, 1, sharex=True)
     some = _thin(time.size)
     for i, (axes, name) in enumerate(zip(panels, names, strict=False)):
@@ -171,8 +271,8 @@ def innovations_figure(run: Run) -> Figure:
             _legend(axes)
         axes.set_ylim(-1.05 * reach, 1.05 * reach)
         axes.set_ylabel(f"[{unit}]")
-        axes.set_title(f"innovation of {name.replace('.', ', ')}, band of 3 σ", fontsize=10, loc="left")
-        _clean(axes)
+        axes.set_title(f"innovation of {name.replace('.', ', ')}, band of 3 σ", fontsize=TITLE, loc="left")
+        clean(axes)
     _squares(panels[-1], time, run.nis[there], len(names), out)
     panels[-1].set_xlabel(label)
     return figure
@@ -189,57 +289,87 @@ def _squares(axes: Any, time: Array, nis: Array, rows: int, out: Any) -> None:
     total = np.concatenate([[0.0], np.cumsum(kept)])
     mean = (total[size:] - total[:-size]) / size
     band = np.asarray(chi2.ppf([0.025, 0.975], rows * size)) / size
-    axes.axhspan(band[0], band[1], color="#e8f1f8", zorder=0)
+    axes.axhspan(band[0], band[1], color=BAND, zorder=0)
     axes.axhline(rows, color=GREY, lw=0.8)
     axes.plot(*envelope(time[~out][size - 1 :], mean), color=BLUE, lw=1.0)
     axes.set_ylim(0.0, max(2.0 * rows, 1.1 * float(mean.max())))
     axes.set_title(
-        f"normalised innovations squared, mean of {size} updates, and its 95 % band", fontsize=10, loc="left"
+        f"normalised innovations squared, mean of {size} updates, and its 95 % band", fontsize=TITLE, loc="left"
     )
-    _clean(axes)
+    clean(axes)
 
 
-def observability_figure(run: Run) -> Figure:
+@in_family
+def observability_figure(run: Course) -> Figure:
     """How far the standard deviation of each parameter fell, and the singular values of the Gramian over time.
 
     Parameters
     ----------
-    run : sagnac.align.history.Run
+    run : Course
+        The singular values are drawn where it has them at several times.
     """
-    figure = _figure(10.0, 5.2)
-    left, right = figure.subplots(1, 2, width_ratios=[1.7, 1.0])
+    seen = run.observability
+    both = seen.times.size > 1
+    figure = blank(WIDTH, 6.2 if both else 3.4)
+    every = np.atleast_1d(figure.subplots(1 + both, 1, height_ratios=[1.25, 1.0][: 1 + both]))
     clock, label = _clock(run)
+    ends = [(every[0], _fallen(every[0], run, clock))]
+    if both:
+        ends.append((every[1], _singular(every[1], run, clock)))
+    every[-1].set_xlabel(label)
+    for axes in every:
+        clean(axes)
+    end_labels(figure, ends)
+    return figure
+
+
+def _fallen(axes: Any, run: Course, clock: Array) -> list[End]:
+    """Standard deviations over the initial ones; returns the ends of the curves."""
     some = _thin(clock.size)
     ratio = dict(zip(run.observability.names, run.observability.ratio, strict=True))
-    styles = dict(zip((p[0] for p in _PANELS), ("-", "--", ":", "-.", (0, (1, 3)), (0, (5, 1))), strict=True))
-    for prefix, style in styles.items():
-        for i in _members(run, prefix):
-            if not ratio[run.names[i]] > 0:
-                continue
-            first = run.sigmas[-1, i] / ratio[run.names[i]]
-            left.semilogy(
-                clock[some],
-                run.sigmas[some, i] / first,
-                ls=style,
-                color=_colour(run.names[i]),
-                lw=1.4,
-                label=run.names[i],
-            )
-    left.axhline(1.0, color=GREY, lw=0.8)
-    left.set_xlabel(label)
-    left.set_ylabel("standard deviation over the initial one")
-    figure.legend(fontsize=8, ncols=6, frameon=False, loc="outside lower center")
-    left.set_title("what the data took away", fontsize=10, loc="left")
+    ends = []
+    for k, i in enumerate(i for p in _PANELS for i in _members(run, p[0]) if ratio[run.names[i]] > 0):
+        name = run.names[i]
+        first = run.sigmas[-1, i] / ratio[name]
+        style = _STYLES[k // 3 % len(_STYLES)] if name.rpartition(".")[2] in _AXES else "-"
+        axes.semilogy(clock[some], run.sigmas[some, i] / first, ls=style, color=_colour(name), lw=1.4, label=name)
+        ends.append((run.sigmas[-1, i] / first, name, _colour(name)))
+    axes.axhline(1.0, color=GREY, lw=0.8)
+    axes.set_xlim(clock[0], clock[-1])
+    powers(axes.yaxis)
+    axes.set_ylabel("σ over the initial one")
+    axes.set_title("what the data took away", fontsize=TITLE, loc="left")
+    return ends
+
+
+def _singular(axes: Any, run: Course, clock: Array) -> list[End]:
+    """Square roots of the gains; returns their ends, with the states that each direction is made of there."""
     seen = run.observability
     values = np.sqrt(np.maximum(seen.over_time, _LEAST**2))
-    right.axhspan(0.1 * _LEAST, 1.0, color="#f6e6dc", zorder=0)
-    right.semilogy(seen.times + clock[0] - run.time[0], values, color=BLUE, lw=1.0)
-    right.set_ylim(_LEAST, 3.0 * max(1.0, float(np.max(values, initial=1.0))))
-    right.set_xlabel(label)
-    right.set_title("singular values (shaded: not observed)", fontsize=10, loc="left")
-    for axes in (left, right):
-        _clean(axes)
-    return figure
+    axes.axhspan(0.1 * _LEAST, 1.0, color="#f6e6dc", zorder=0)
+    lines = axes.semilogy(seen.times + clock[0] - run.time[0], values, lw=1.0)
+    for k, line in enumerate(lines):
+        line.set(color=_COLOURS[k % 3], linestyle=("-", "--", ":")[k // 3 % 3])
+    axes.set_xlim(clock[0], clock[-1])
+    axes.set_ylim(_LEAST, 3.0 * max(1.0, float(np.max(values, initial=1.0))))
+    powers(axes.yaxis)
+    axes.set_ylabel("singular value")
+    axes.set_title("what was seen, and of which states it is made (shaded: not observed)", fontsize=TITLE, loc="left")
+    return [
+        (float(v), words, _COLOURS[k % 3])
+        for k, (v, words) in enumerate(zip(values[-1], _directions(seen), strict=False))
+        if v > 1.01 * _LEAST
+    ]
+
+
+def _directions(seen: Seen) -> list[str]:
+    """The one or two states that each direction is mostly made of."""
+    out = []
+    for direction in seen.directions:
+        strong = np.argsort(-np.abs(direction), kind="stable")[:2]
+        kept = [i for i in strong if abs(direction[i]) > 0.6 * abs(direction[strong[0]])]
+        out.append(", ".join(seen.names[i] for i in kept))
+    return out
 
 
 def draw_estimates(result: Alignment, run: Run, path: Path) -> None:  # noqa: ARG001 - all pictures are called alike

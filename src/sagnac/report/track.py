@@ -13,7 +13,7 @@ from .. import formats
 from ..errors import InputError
 from ..frames import Array
 from ..navigate.free import displacement
-from .plots import BLUE, GREEN, GREY, ORANGE, _clean, _figure, save
+from .style import BLUE, GREEN, GREY, ORANGE, blank, clean, in_family, save
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,6 +72,7 @@ def read_track(path: str | Path, label: str = "") -> Track:
     return Track(label, time - time[0], east, north)
 
 
+@in_family
 def track_figure(tracks: Sequence[Track], marks: Mapping[str, tuple[Array, Array]] | None = None) -> Figure:
     """Distance from the start over time, and the tracks on a plane.
 
@@ -81,7 +82,7 @@ def track_figure(tracks: Sequence[Track], marks: Mapping[str, tuple[Array, Array
     marks : mapping of label to (time, distance), optional
         Further distances to compare with, arrays of shape (m,), s and m.
     """
-    figure = _figure(10.0, 4.4)
+    figure = blank(10.0, 4.4)
     left, right = figure.subplots(1, 2, width_ratios=[1.2, 1.0])
     for track, colour in zip(tracks, _COLOURS, strict=False):
         left.plot(track.time, track.distance, color=colour, lw=1.4, label=track.label)
@@ -101,7 +102,7 @@ def track_figure(tracks: Sequence[Track], marks: Mapping[str, tuple[Array, Array
     right.set_aspect("equal", adjustable="datalim")
     right.set_title("+ start, dot end", fontsize=9, loc="left")
     for axes in (left, right):
-        _clean(axes)
+        clean(axes)
     return figure
 
 

@@ -1,0 +1,67 @@
+"""The certificate of a calibration: what a laboratory hands over with a unit.
+
+:func:`certificate` makes the document, :func:`write` renders it by the ending of a file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...calibration import Calibration
+from ...errors import InputError
+from ..document import Document
+from .build import certificate
+from .details import Details
+from .details import load as load_details
+from .evidence import Evidence, gather
+from .limits import Limits
+from .limits import load as load_limits
+
+__all__ = [
+    "Calibration",
+    "Details",
+    "Evidence",
+    "Limits",
+    "certificate",
+    "check_output",
+    "gather",
+    "load_details",
+    "load_limits",
+    "write",
+]
+
+
+def check_output(path: str | Path) -> None:
+    """Refuse a file that no report can be written to, before any work is done.
+
+    Raises
+    ------
+    InputError
+        For an ending other than .html, .htm or .pdf, or for a PDF where typst is not installed.
+    """
+    ending = Path(path).suffix.lower()
+    if ending not in (".html", ".htm", ".pdf"):
+        raise InputError(f"--out {path}: a report is written to a .html or .pdf file")
+    if ending == ".pdf":
+        from ..pdf import check
+
+        check()
+
+
+def write(document: Document, path: str | Path) -> None:
+    """Write a document as HTML or PDF by the ending of the file.
+
+    Raises
+    ------
+    InputError
+        See :func:`check_output`.
+    """
+    check_output(path)
+    if Path(path).suffix.lower() == ".pdf":
+        from .. import pdf
+
+        pdf.save(document, path)
+    else:
+        from .. import html
+
+        html.save(document, path)
