@@ -119,7 +119,9 @@ def run(folder: str | Path = "sagnac-demo", *, seed: int = 1, say: Callable[[str
     recording = open_recording(folder / "recording.parquet", scale=plan.unit.scale)
     say("Calibrating by norm and by multi-position ...")
     by_norm = calibrate("norm", recording, plan).with_source(folder / "plan.toml", "plan")
-    by_table = calibrate("multi-position", recording, plan, matrix="triangular").with_source(folder / "plan.toml", "plan")
+    by_table = calibrate("multi-position", recording, plan, matrix="triangular").with_source(
+        folder / "plan.toml", "plan"
+    )
     by_norm.save(folder / "norm.json")
     by_table.save(folder / "multi-position.json")
     say("")
@@ -130,8 +132,29 @@ def run(folder: str | Path = "sagnac-demo", *, seed: int = 1, say: Callable[[str
     say(checked.summary())
     say("Repeating the published comparison: one reading a position, table errors from 1 arcsec to 10 deg ...")
     _draw(folder, unit.truth(), by_norm, by_table, angle_curves(np.random.default_rng(streams[2])))
-    say(f"Results, recordings and plots are in {folder}/ (demo.png, angle-errors.png)")
+    pages = _certificates(folder)
+    say(f"Results, recordings and plots are in {folder}/ (demo.png, angle-errors.png, {', '.join(pages)})")
     return Demo(unit.truth(), by_norm, by_table, checked, folder)
+
+
+def _certificates(folder: Path) -> list[str]:
+    """The certificate of the norm calibration: a page, and a PDF where typst is installed."""
+    from importlib.util import find_spec
+
+    from .report.certificate import certificate, gather, write
+
+    evidence = gather(
+        folder / "norm.json",
+        recording=folder / "recording.parquet",
+        plan=folder / "plan.toml",
+        check=folder / "check.parquet",
+        check_plan=folder / "check.toml",
+    )
+    document = certificate(evidence)
+    pages = ["certificate.html"] + ["certificate.pdf"] * (find_spec("typst") is not None)
+    for page in pages:
+        write(document, folder / page)
+    return pages
 
 
 def _span(plan: Plan) -> str:

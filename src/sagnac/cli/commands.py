@@ -16,7 +16,7 @@ from .commands_export import EXAMPLE as EXPORT_EXAMPLE
 from .commands_export import export
 from .commands_plan import plan_app
 from .commands_plot import PLOT_EXAMPLE, plot
-from .commands_report import REPORT_EXAMPLE, report
+from .commands_report import REPORT_EXAMPLE, certify, check_certificates, report
 from .commands_simulate import EXAMPLE as SIMULATE_EXAMPLE
 from .commands_simulate import simulate
 from .commands_static import NAVIGATE_EXAMPLE, navigate
@@ -80,7 +80,8 @@ def demo(
 
 
 @app.command(
-    epilog="Example: `sagnac calibrate norm recording.csv --plan plan.toml --out cal.json`, or for a unit turned by hand: "
+    epilog="Example: `sagnac calibrate norm recording.csv --plan plan.toml --out cal.json --certificate cal.html`, or for a "
+    "unit turned by hand: "
     "`sagnac calibrate norm log.csv --gravity '9.81744 m/s^2' --out hand.json`, or on a centrifuge: "
     "`sagnac calibrate centrifuge spun.csv --plan arm.toml --sensors accel_z --out arm.json`"
 )
@@ -95,6 +96,12 @@ def calibrate(
     recording: options.RecordingFile,
     plan: options.PlanFile = None,
     out: Annotated[Path | None, typer.Option("--out", help="Calibration file to write (JSON).")] = None,
+    certificate: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--certificate", help="Certificate to write besides (HTML, PDF); may be given twice. Needs --out."
+        ),
+    ] = None,
     gravity: options.Gravity = None,
     latitude: options.Latitude = None,
     height: options.Height = None,
@@ -128,8 +135,12 @@ def calibrate(
     from ..calibration import load
     from .terminal import announce_compilation
 
-    options.keep_inputs(("--out", out), ("--plot", plot), inputs=(recording, plan, prior))
+    pages = certificate or []
+    outputs = [("--out", out), ("--plot", plot), *(("--certificate", page) for page in pages)]
+    options.keep_inputs(*outputs, inputs=(recording, plan, prior))
     options.check_picture(plot)
+    if pages:
+        check_certificates(pages, out)
     done = options.plan_with(plan, gravity, latitude, height)
     opened = opening.open(recording, plan=done)
     hand_turned = method == "norm" and (done is None or not done.segment) and "gyro" in opened.has
@@ -156,6 +167,8 @@ def calibrate(
         from ..report.plots import draw_log
 
         draw_log(opened, done, plot, static_threshold)
+    if out is not None and pages:
+        certify(out, pages, recording=recording, plan=plan, opening=opening)
     typer.echo(result.to_json() if as_json else result.summary(), nl=False)
 
 

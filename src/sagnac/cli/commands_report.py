@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from ..calibration import Calibration
     from ..plan import Plan
     from ..recording import Recording
+    from ..report.certificate.evidence import Opener
 
 REPORT_EXAMPLE = (
     "Example: `sagnac report cal.json --out certificate.html --out certificate.pdf`, with what a laboratory adds: "
@@ -73,22 +75,52 @@ def report(
         document = page(result)
     else:
         from ..report.certificate import certificate, gather, load_details, load_limits
-        from .terminal import announce_compilation
-
-        def opened(path: Path, plan: Plan | None, calibration: Calibration) -> Recording:
-            announce_compilation(calibration.method)
-            return opening.open(path, plan=plan, calibration=calibration)
 
         given_details = None if details is None else load_details(details)
         bounds = None if limits is None else load_limits(limits)
         evidence = gather(
-            result, recording=recording, plan=plan, check=check, check_plan=check_plan, earlier=earlier, opener=opened
+            result,
+            recording=recording,
+            plan=plan,
+            check=check,
+            check_plan=check_plan,
+            earlier=earlier,
+            opener=_opener(opening),
         )
         document = certificate(evidence, given_details, bounds, k=k)
     for path in out:
         write(document, path)
     written = [str(path) for path in out]
     typer.echo(json.dumps({"out": written}) if as_json else "\n".join(written))
+
+
+def check_certificates(pages: Sequence[Path], calibration: Path | None) -> None:
+    """Refuse certificates that could not be written, before any work is done."""
+    from ..report.certificate import check_output
+
+    for page in pages:
+        check_output(page, "--certificate")
+    if pages and calibration is None:
+        raise InputError("--certificate: give the calibration's file too (--out); the certificate is of that file")
+
+
+def certify(calibration: Path, pages: Sequence[Path], *, recording: Path, plan: Path | None, opening: Opening) -> None:
+    """Write the certificate of a calibration that has just been made."""
+    from ..report.certificate import certificate, gather, write
+
+    document = certificate(gather(calibration, recording=recording, plan=plan, opener=_opener(opening)))
+    for page in pages:
+        write(document, page)
+
+
+def _opener(opening: Opening) -> Opener:
+    from .terminal import announce_compilation
+
+    def opened(path: Path, plan: Plan | None, calibration: Calibration) -> Recording:
+        announce_compilation(calibration.method)
+        return opening.open(path, plan=plan, calibration=calibration)
+
+    return opened
 
 
 def _is_alignment(path: Path) -> bool:

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from ..plan import Plan
     from ..recording import Recording
 
-RecordingFile = Annotated[Path, typer.Argument(help="Recording: CSV, Parquet, ROS bag, ULog, .BIN, .mat, ...", metavar="RECORDING")]
+RecordingFile = Annotated[
+    Path, typer.Argument(help="Recording: CSV, Parquet, ROS bag, ULog, .BIN, .mat, ...", metavar="RECORDING")
+]
 PlanFile = Annotated[Path | None, typer.Option("--plan", help="What was done with the unit (TOML).")]
 Units = Annotated[
     str | None,

@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 
-def check_output(path: str | Path) -> None:
+def check_output(path: str | Path, option: str = "--out") -> None:
     """Refuse a file that no report can be written to, before any work is done.
 
     Raises
@@ -41,7 +41,7 @@ def check_output(path: str | Path) -> None:
     """
     ending = Path(path).suffix.lower()
     if ending not in (".html", ".htm", ".pdf"):
-        raise InputError(f"--out {path}: a report is written to a .html or .pdf file")
+        raise InputError(f"{option} {path}: a report is written to a .html or .pdf file")
     if ending == ".pdf":
         from ..pdf import check
 

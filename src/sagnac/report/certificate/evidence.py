@@ -121,6 +121,8 @@ def gather(
     there = find(calibration, file.parent)
     plan_file = _file(calibration, "plan", plan, there, absent, files)
     own_plan = load_plan(plan_file) if plan_file is not None else None
+    if own_plan is not None:  # what options said besides the plan's file
+        own_plan = own_plan.model_copy(update={"gravity": calibration.site.gravity})
     recording_file = _file(calibration, "recording", recording, there, absent, files)
     own = opened(recording_file, own_plan, calibration) if recording_file is not None else None
     found = replace(found, recording=own, plan=own_plan)
