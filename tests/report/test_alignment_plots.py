@@ -14,10 +14,11 @@ from pyarrow import parquet
 from sagnac.align import record
 from sagnac.align.history import Run
 from sagnac.align.observability import Observability
-from sagnac.align.result import Alignment, values_of
+from sagnac.align.result import Alignment, load, values_of
 from sagnac.errors import InputError
 from sagnac.navigate.state import State
 from sagnac.report import alignment, alignment_files
+from sagnac.report.plot import offers, plot
 from sagnac.results import Software, covariance_rows
 
 NAMES = (
@@ -214,6 +215,25 @@ def test_a_folder_that_holds_something_else_is_refused(found, tmp_path):
     parquet.write_table(kept, tmp_path / "history.parquet")
     with pytest.raises(InputError, match="damaged history"):
         alignment_files.read(tmp_path)
+
+
+def test_the_result_of_an_alignment_stands_for_its_folder(found, tmp_path):
+    write(tmp_path, found)
+    assert [o.name for o in offers(tmp_path / "alignment.json")] == ["estimates", "innovations", "observability"]
+    assert plot(tmp_path, "estimates").figure.axes
+    (tmp_path / "alignment.json").rename(tmp_path / "mine.json")
+    with pytest.raises(InputError, match="give the folder that it was written to"):
+        offers(tmp_path / "mine.json")
+
+
+def test_a_static_alignment_has_nothing_to_draw(found, tmp_path):
+    write(tmp_path, found)
+    result = load(tmp_path / "alignment.json").model_copy(update={"kind": "static"})
+    result.save(tmp_path / "parked.json")
+    result.save(tmp_path / "alignment.json")
+    for path in (tmp_path, tmp_path / "parked.json"):
+        with pytest.raises(InputError, match="a static alignment keeps no history"):
+            offers(path)
 
 
 def write(folder, run: Run) -> None:

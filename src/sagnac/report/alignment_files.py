@@ -69,6 +69,17 @@ def pictures_of(history: History) -> list[str]:
     return [name for name in PICTURES if there or name != "innovations"]
 
 
+def refuse_static(result: Alignment, path: str | Path) -> None:
+    """Refuse an alignment that has no history.
+
+    Raises
+    ------
+    InputError
+    """
+    if result.kind == "static":
+        raise InputError(f"{path}: a static alignment keeps no history: there is nothing to draw over time")
+
+
 def read(folder: str | Path) -> tuple[Alignment, History]:
     """Result and history of an alignment.
 
@@ -83,6 +94,7 @@ def read(folder: str | Path) -> tuple[Alignment, History]:
         When a file is missing or is no such file.
     """
     result, path = load(Path(folder) / RESULT), Path(folder) / HISTORY
+    refuse_static(result, folder)
     import pyarrow as pa
     from pyarrow import parquet
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..align.record import RESULT
+from ..align.result import load as load_alignment
 from ..calibration import Calibration
 from ..calibration import load as load_calibration
 from ..errors import InputError
@@ -175,7 +177,15 @@ def _opened(path: Path, plan: Plan | None, calibration: Calibration | None) -> R
 
 
 def _folder(path: Path) -> Path:
-    return path if path.is_dir() else path.parent
+    """Folder of an alignment, of which its result may be named."""
+    if path.is_dir():
+        return path
+    alignment_files.refuse_static(load_alignment(path), path)
+    if path.name != RESULT:
+        raise InputError(
+            f"{path}: the pictures need the history of the alignment: give the folder that it was written to"
+        )
+    return path.parent
 
 
 def _refuse(name: str, names: Collection[str], path: Path) -> None:
