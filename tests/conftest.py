@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from sagnac.plan import Plan
+from sagnac.recording import Recording, open_recording
 from sagnac.simulate.plans import ICOSAHEDRON, table_plan
 from sagnac.simulate.table import imperfect_table, simulate_recording, write_recording
 from sagnac.simulate.unit import laser_gyro_unit
@@ -45,3 +47,23 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
     write_recording(str(folder / "recording.parquet"), time, samples, unit.pulses)
     plan.save(folder / "plan.toml")
     return Rig(folder / "recording.parquet", folder / "plan.toml", plan)
+
+
+@pytest.fixture(scope="session")
+def public_data() -> Callable[[str], Path]:
+    """Takes the name of a public recording to its path; a test that asks for one that is not at hand is skipped."""
+    folder = Path(os.environ.get("SAGNAC_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+
+    def find(name: str) -> Path:
+        if not (folder / name).exists():
+            pytest.skip(f"{name} is not at hand (set SAGNAC_DATA to its folder)")
+        return folder / name
+
+    return find
+
+
+@pytest.fixture(scope="session")
+def parked_log(public_data: Callable[[str], Path]) -> Recording:
+    """The public laser-gyro log of a parked vehicle (PSINS data set): 0.1 arcsec and 1.2225e-3 m/s a pulse."""
+    scale = {"gyro": "10 pulse/arcsec", "accel": f"{1 / 1.2225e-3!r} pulse/(m/s)"}
+    return open_recording(public_data("laser_gyro_parked.parquet"), scale=scale)

@@ -9,7 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sagnac.earth import EARTH_RATE, ELLIPSOID, STANDARD_GRAVITY, earth_rate_enu, normal_gravity, radii
+from sagnac.earth import (
+    EARTH_RATE,
+    ELLIPSOID,
+    STANDARD_GRAVITY,
+    earth_rate_enu,
+    gravity_by_sine,
+    gravity_excess,
+    normal_gravity,
+    radii,
+)
 
 
 @pytest.mark.parametrize(
@@ -53,6 +62,18 @@ def test_gravity_bends_with_height_as_the_inverse_square_does(latitude):
 @given(st.floats(0, math.pi / 2), st.floats(0, 5000))
 def test_gravity_is_the_same_north_and_south(latitude, height):
     assert normal_gravity(latitude, height) == normal_gravity(-latitude, height)
+
+
+def test_gravity_of_many_places_is_that_of_each():
+    latitude, height = np.linspace(-1.5, 1.5, 7), np.linspace(-100.0, 9000.0, 7)
+    both = [normal_gravity(float(a), float(h)) for a, h in zip(latitude, height, strict=True)]
+    assert normal_gravity(latitude, height).tolist() == both
+    assert gravity_by_sine(np.sin(latitude), height).tolist() == both
+
+
+def test_gravity_that_was_measured_is_more_or_less_than_the_normal_one():
+    assert gravity_excess(None, 1.0, 0.0) == 0.0
+    assert gravity_excess(9.82, 1.0, 100.0) == 9.82 - normal_gravity(1.0, 100.0)
 
 
 @given(st.floats(-math.pi / 2, math.pi / 2))

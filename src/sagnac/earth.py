@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import overload
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -21,30 +23,52 @@ _ECCENTRICITY2 = _FLATTENING * (2.0 - _FLATTENING)
 _CENTRIFUGAL_M = 0.00344978650684
 
 
-def normal_gravity(latitude: float, height: float = 0.0) -> float:
+@overload
+def normal_gravity(latitude: float, height: float = ...) -> float: ...
+@overload
+def normal_gravity(latitude: Array, height: ArrayLike = ...) -> Array: ...
+def normal_gravity(latitude: float | Array, height: ArrayLike = 0.0) -> float | Array:
     """Normal gravity of the WGS-84 ellipsoid.
 
     Parameters
     ----------
-    latitude : float, rad
+    latitude : float or ndarray, shape (...), rad
         Geodetic latitude.
-    height : float, m
+    height : float or array_like, shape (...), m
         Height above the ellipsoid.
 
     Returns
     -------
-    float, m/s^2
+    float or ndarray, shape (...), m/s^2
 
     Notes
     -----
     Somigliana's closed formula, then the second-order height term (NIMA TR8350.2, equations 4-1 and 4-3). The real
     gravity of a site differs by some 30 mGal (3e-5 of g, one sigma): give the measured value where you have it.
     """
-    s2 = np.sin(latitude) ** 2
+    g = gravity_by_sine(np.sin(latitude), height)
+    return g if g.ndim else float(g)
+
+
+def gravity_by_sine(sine: ArrayLike, height: ArrayLike) -> Array:
+    """The same from the sine of the latitude, for places that are known by direction cosines."""
+    s2, ratio = np.square(sine), np.asarray(height, dtype=float) / _SEMI_MAJOR
     surface = _GRAVITY_EQUATOR * (1.0 + _SOMIGLIANA_K * s2) / np.sqrt(1.0 - _ECCENTRICITY2 * s2)
-    ratio = height / _SEMI_MAJOR
     first = 2.0 * (1.0 + _FLATTENING + _CENTRIFUGAL_M - 2.0 * _FLATTENING * s2) * ratio
-    return float(surface * (1.0 - first + 3.0 * ratio**2))
+    return np.asarray(surface * (1.0 - first + 3.0 * ratio**2))
+
+
+def gravity_excess(gravity: float | None, latitude: float, height: float) -> float:
+    """Real gravity less the normal one, m/s^2.
+
+    Parameters
+    ----------
+    gravity : float or None, m/s^2
+        As it was measured there; None: it is the normal one.
+    latitude : float, rad
+    height : float, m
+    """
+    return 0.0 if gravity is None else gravity - normal_gravity(latitude, height)
 
 
 ELLIPSOID = np.array(

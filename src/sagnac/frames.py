@@ -239,12 +239,21 @@ def cross(v: Array, w: Array) -> Array:
 
 
 def transform(matrix: Array, v: Array) -> Array:
-    """``matrix @ v`` for long lists of vectors (n, 3).
+    """``matrix @ v`` for long lists of vectors: one matrix for all, or one for each.
 
     Not a matrix product on purpose: on tall thin operands BLAS wakes its threads, which then spin idle for longer than the
     whole sum takes.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (k, 3) or (..., k, 3)
+    v : ndarray, shape (..., 3)
+
+    Returns
+    -------
+    ndarray, shape (..., k)
     """
-    return np.asarray(np.einsum("ij,nj->ni", matrix, v))
+    return np.asarray(np.einsum("...ij,...j->...i", matrix, v))
 
 
 def wahba(here: Array, there: Array) -> Array:

@@ -175,7 +175,13 @@ configurations = st.builds(
         wander=size,
     ),
     noise=st.builds(
-        Noise, gyro=size, accel=size, velocity=positive, attitude=maybe(positive), gyro_walk=size, accel_walk=size
+        Noise,
+        gyro=positive,
+        accel=positive,
+        velocity=positive,
+        attitude=maybe(positive),
+        gyro_walk=size,
+        accel_walk=size,
     ),
     flexure=maybe(st.builds(Flexure, sigma=three(size), time=positive)),
     trajectory=st.sampled_from(COURSES),
@@ -185,6 +191,16 @@ configurations = st.builds(
 @given(configurations)
 def test_a_configuration_reads_back_equal_to_the_last_bit(config):
     assert from_table(tomllib.loads(config.to_toml())) == config
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_no_sensor_is_free_of_noise(sensor):
+    table = tomllib.loads(LEAST)
+    unit = table["noise"][sensor].partition(" ")[2]
+    for size in (0, -1):
+        table["noise"][sensor] = f"{size} {unit}"
+        with pytest.raises(InputError, match=rf"noise.{sensor}: .*no sensor is free of it"):
+            from_table(table)
 
 
 def test_save_and_load(read, tmp_path):

@@ -40,13 +40,18 @@ def test_the_published_case(method, full):
 
 def test_a_turn_to_both_sides_parts_what_a_straight_course_cannot():
     # methods.md: azimuth 22.5, 0.88, 0.48, 0.25 arcmin at 10, 30, 60, 120 s, level 0.024 at 120 s. (At 20 s, in the middle of
-    # the turn
-    # to port, it has 2.48; we find 2.53, and 2.55 with steps ten times as short.)
+    # the turn to port, it has 2.48; we find 2.53, and 2.55 with steps ten times as short.)
     found = attitude(covariance(config(S_TURN)), (10, 30, 60, 120))
     assert found[:, 2] == pytest.approx([22.5, 0.88, 0.48, 0.25], rel=0.011)
     assert found[3, :2] == pytest.approx([0.024, 0.024], rel=0.02)
     gentle = covariance(config(legs(*[(20, 1.5), (40, -1.5), (20, 1.5)] * 2)))
     assert attitude(gentle, (60, 120))[:, 2] == pytest.approx([0.98, 0.39], rel=0.011)
+
+
+def test_gravity_of_the_configuration_is_that_of_the_course():
+    # the level's floor is the accelerometers' bias over gravity: 9.72 m/s^2 in place of the normal 9.8192 at 60 N
+    found = [attitude(covariance(config(legs((60, 0)), gravity=g)), [60])[0, :2] for g in (None, 9.72)]
+    assert found[1] / found[0] == pytest.approx([9.8191845 / 9.72] * 2, rel=2e-4)
 
 
 def test_attitude_matching_adds_what_the_gyros_drift():

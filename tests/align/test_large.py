@@ -9,10 +9,12 @@ import pytest
 from scipy.stats import chi2
 
 from large_angles import DEG, LASER, MEMS, S_TURN, motion, mounting, run, settings, straight
-from sagnac.align import large, large_fit, large_model
+from sagnac.align import large, model
 from sagnac.align import run as linear
+from sagnac.align.large import fit as large_fit
+from sagnac.align.large import model as large_model
 from sagnac.align.master import Master
-from sagnac.align.samples import Slave
+from sagnac.align.samples import Slave, chosen
 from sagnac.errors import DataError, InputError
 from sagnac.frames import rotation_matrix, rotation_vector
 
@@ -200,7 +202,7 @@ def test_masters_of_other_rates_and_times_between_the_slaves_samples(rate):
     assert found.close
     assert 0.8 < found.misfit < 1.25
     assert off(found, GIVEN)[0] < chi2.ppf(0.9999, 3)
-    intervals = np.diff(large_model.prepare(config, slave, late, large._chosen(config, slave, late, 10.0)).time)
+    intervals = np.diff(large_model.prepare(config, slave, late, chosen(config, slave, late, 10.0)).time)
     assert intervals.min() > 0.99 * max(0.1, 1.0 / rate) - 0.5 / rate
 
 
@@ -258,13 +260,26 @@ def test_what_cannot_be_started():
     assert found.notes
 
 
+def prior_of_mounting(sigma, vector, lever=(0.0, 0.0, 0.0)):
+    """Mean and covariance that a filter starts with when it is linearised about a mounting."""
+    states = model.layout("wander")
+    now = model.Instant(np.eye(3), np.ones(3), np.zeros(3), np.array([0.1, -0.2, 0.3]), vector, np.array(lever))
+    mean, covariance = model.prior(settings(sigma), states, now, 0.0)
+    where, H = states.block("mounting"), model.measurement(states, now, True)
+    # the start is a measurement without a difference; what it does not tie is the first velocity, stated apart
+    np.testing.assert_allclose(H @ mean, 0.0, atol=1e-13)
+    tied = H @ covariance @ H.T - np.diag([0.2**2] * 2 + [0.0] * 3)
+    np.testing.assert_allclose(tied, 0.0, atol=1e-13)
+    return mean[where], covariance[where, where]
+
+
 def test_the_prior_around_another_point():
     # what the filter gets must be, to first order, the prior that the batch has
     rng = np.random.default_rng(13)
     sigma = np.array([0.5, 0.4, 1.0])
     vector = np.array([0.3, -0.5, 1.0])
     C_s_m = rotation_matrix(vector)
-    mean, covariance = large.equivalent_prior(C_s_m, sigma)
+    mean, covariance = prior_of_mounting(sigma, vector)
     np.testing.assert_allclose(mean, -vector, atol=1e-14)
     h = 1e-6
     slope = np.stack(
@@ -280,9 +295,10 @@ def test_the_prior_around_another_point():
         xi = 1e-4 * rng.standard_normal(3)
         cost = np.sum((rotation_vector(C_s_m @ rotation_matrix(xi)) / sigma) ** 2)
         assert (xi - mean) @ np.linalg.solve(covariance, xi - mean) == pytest.approx(cost, rel=1e-7)
-    mean, covariance = large.equivalent_prior(np.eye(3), sigma)
+    mean, covariance = prior_of_mounting(sigma, np.zeros(3))
     np.testing.assert_allclose(mean, 0.0)
     np.testing.assert_allclose(covariance, np.diag(sigma**2))
+    prior_of_mounting(sigma, vector, lever=(3.0, -2.0, 1.0))
 
 
 def test_start_values_agree(s_turn):

@@ -179,8 +179,8 @@ def test_the_three_methods_are_one_estimate():
 
 def test_the_heading_error_is_not_phi_z_but_less_by_the_wander_error():
     # Huang et al. 2011: with output correction the slave's velocity error, and with it the error of its wander angle, grows
-    # without
-    # bound; phi_z and the heading error part by it. 0.2 deg of level error: g t^2 / 2 tan L / R in 300 s is 1.4 arcmin at 60 N.
+    # without bound; phi_z and the heading error part by it. 0.2 deg of level error: g t^2 / 2 tan L / R in 300 s is 1.4 arcmin
+    # at 60 N.
     settings = config(legs((300, 0)), correction="output")
     world = scene(
         settings, seed=2, errors=(np.radians([0.2, -0.2, 0.5]), np.zeros(3), np.zeros(3)), noise=False, rate=20.0

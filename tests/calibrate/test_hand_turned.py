@@ -1,9 +1,7 @@
 """Units turned by hand: simulated logs with known truth, and a public recording where it is at hand."""
 
 import itertools
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -253,17 +251,14 @@ def test_jacobians_equal_central_differences(log):
 # ---------------------------------------------------------------- the public recording of imu_tk (Tedaldi et al. 2014)
 
 
-def public_recording():
-    shared = Path(os.environ.get("SAGNAC_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
-    path = shared / "xsens_mti_hand.csv"
-    if not path.exists():
-        pytest.skip("xsens_mti_hand.csv is not at hand (set SAGNAC_DATA to its folder)")
-    return open_recording(path)
+@pytest.fixture(scope="module")
+def turned_log(public_data):
+    return open_recording(public_data("xsens_mti_hand.csv"))
 
 
 @pytest.fixture(scope="module")
-def xsens():
-    return hand_turned.calibrate(public_recording(), Plan(gravity=9.81744))
+def xsens(turned_log):
+    return hand_turned.calibrate(turned_log, Plan(gravity=9.81744))
 
 
 def test_public_recording_static_intervals(xsens):
@@ -304,9 +299,9 @@ def test_public_recording_gyros(xsens):
         assert abs(p.value) > least * p.standard_uncertainty
 
 
-def test_public_recording_uncertainties_equal_a_real_jackknife(xsens):
+def test_public_recording_uncertainties_equal_a_real_jackknife(xsens, turned_log):
     """Stated standard uncertainties of the accelerometers against 38 refits with one attitude left out: within a factor 1.5."""
-    recording = public_recording()
+    recording = turned_log
     batch = recording.read()
     found = static_intervals(batch)
     means, plan = hand_turned.means_of(batch, found, Plan(gravity=9.81744), recording.counts, "xsens")

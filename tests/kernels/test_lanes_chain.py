@@ -83,7 +83,7 @@ def test_a_lane_is_the_filter_for_one(method):
                 time += steps.sum()
                 truth = chain.trajectory.state(time)
                 latitude, longitude, _ = truth.place
-                one.match(Reference(float(latitude), float(longitude), np.array([*velocity, 0.0])), attitude=False)
+                one.match(Reference(float(latitude), float(longitude), np.array([*velocity, 0.0])))
                 one.feed_back()
         P = group.P.reshape(11, 11, LANES)[:, :, i]
         sigma = np.sqrt(np.diag(P)[SLOT[:n]])

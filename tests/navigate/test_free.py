@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import tracemalloc
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -209,25 +207,16 @@ def test_the_recording_itself_is_kept(tmp_path):
 # ------------------------------------------------- the public laser-gyro log of a parked vehicle (PSINS data set)
 
 
-def public_recording():
-    shared = Path(os.environ.get("SAGNAC_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
-    path = shared / "laser_gyro_parked.parquet"
-    if not path.exists():
-        pytest.skip("laser_gyro_parked.parquet is not at hand (set SAGNAC_DATA to its folder)")
-    return open_recording(path, scale={"gyro": "10 pulse/arcsec", "accel": f"{1 / 1.2225e-3!r} pulse/(m/s)"})
-
-
-def test_public_recording_drifts_less_than_another_toolbox(tmp_path):
+def test_public_recording_drifts_less_than_another_toolbox(parked_log, tmp_path):
     """Its own, with the height held: 7.1 m at 300 s, 35.2 m at 600 s, 90.2 m at 900 s, 312.4 m at 1547 s."""
-    recording = public_recording()
     place = static.place_of(34.246048 * DEGREE, 108.909664 * DEGREE, 380.0)
-    found = static.align(recording, place, stop=300.0)
+    found = static.align(parked_log, place, stop=300.0)
     state, biases = state_of(found), biases_of(found)
     ends = []
     for use in (False, True):
         out = tmp_path / f"track{use:d}.parquet"
         gyro, accel = biases if use else (None, None)
-        done = navigate(recording, state, out, begin=found.time, gyro_bias=gyro, accel_bias=accel)
+        done = navigate(parked_log, state, out, begin=found.time, gyro_bias=gyro, accel_bias=accel)
         rows = rows_of(out)
         east, north = displacement(rows[:, 1] * DEGREE, rows[:, 2] * DEGREE, place.latitude, place.longitude, 380.0)
         distance = np.hypot(east, north)

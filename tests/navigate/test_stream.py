@@ -212,8 +212,20 @@ def test_no_stretch_of_time(start, stop):
 
 
 def test_nothing_in_the_time_wanted():
-    with pytest.raises(DataError, match="no samples between 100 s and inf s: they go from 5 s to 8.99 s"):
+    with pytest.raises(DataError, match="no samples from 100 s on: they go from 5 s to 8.99 s"):
         list(Stream(smooth(), start=100.0))
+    with pytest.raises(DataError, match="no samples up to 1 s: they go"):
+        list(Stream(smooth(), stop=1.0))
+    with pytest.raises(DataError, match="no samples between 1 s and 2 s: they go"):
+        list(Stream(smooth(), start=1.0, stop=2.0))
+
+
+def test_a_time_beyond_the_end_is_refused():
+    pieces = []
+    with pytest.raises(DataError, match=r"the samples end at 8.99 s, before the 9.1 s that were asked for \(--to\)"):
+        pieces.extend(Stream(smooth(), stop=9.1))
+    assert pieces
+    assert list(Stream(smooth(), stop=9.0))[-1].time[-1] == pytest.approx(8.99)  # a sample from the end is the end
 
 
 def test_single_sample_is_refused():

@@ -50,6 +50,14 @@ def _thrice(given: object) -> object:
     return given if given is None or isinstance(given, list | tuple) else (given,) * 3
 
 
+def _noisy(value: float) -> float:
+    if not value > 0.0:
+        raise ValueError(
+            f"{value:g} is no noise: no sensor is free of it, and a filter that is told so errs; write its density"
+        )
+    return value
+
+
 _NO_NAME = "\0"
 _THRICE = BeforeValidator(_thrice)
 _DEG = ("rad", "0.2 deg")
@@ -66,8 +74,8 @@ AccelSize = Annotated[float, takes("m/s^2", "50 ug"), SIZE, _up_to(9.80665, "1 g
 RateSize = Annotated[float, takes("rad/s", "0.01 deg/h"), SIZE, _up_to(math.pi, "180 deg/s")]
 SpeedNoise = Annotated[float, takes("m/s", "0.01 m/s"), ABOVE_ZERO, _up_to(1000.0, "1000 m/s")]
 AngleNoise = Annotated[float, takes("rad", "1 arcmin"), ABOVE_ZERO, _up_to(math.pi, "180 deg")]
-GyroDensity = Annotated[float, takes("rad/s/Hz^0.5", "0.001 deg/sqrt(h)"), SIZE]
-AccelDensity = Annotated[float, takes("m/s^2/Hz^0.5", "0.833 ug/sqrt(Hz)"), SIZE]
+GyroDensity = Annotated[float, takes("rad/s/Hz^0.5", "0.001 deg/sqrt(h)"), AfterValidator(_noisy)]
+AccelDensity = Annotated[float, takes("m/s^2/Hz^0.5", "0.833 ug/sqrt(Hz)"), AfterValidator(_noisy)]
 GyroWalk = Annotated[float, takes("rad/s/s^0.5", "0.001 deg/h/sqrt(h)"), SIZE]
 AccelWalk = Annotated[float, takes("m/s^2/s^0.5", "1 ug/sqrt(h)"), SIZE]
 Gravity = Annotated[float, takes("m/s^2", "9.81919 m/s^2")]
@@ -192,7 +200,7 @@ class Config(_Record):
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
-        if self.matching == "velocity+attitude" and self.noise.attitude is None:
+        if self.matches_attitude and self.noise.attitude is None:
             raise ValueError(
                 'noise.attitude is missing: matching = "velocity+attitude" needs the master\'s attitude noise, '
                 'for example attitude = "1 arcmin"'
@@ -206,6 +214,11 @@ class Config(_Record):
         if not any(self.initial.misalignment):
             raise ValueError("initial.misalignment is zero on all axes: then nothing is left to align")
         return self
+
+    @property
+    def matches_attitude(self) -> bool:
+        """Whether the master's attitude is matched too, not its velocity alone."""
+        return self.matching == "velocity+attitude"
 
     def to_toml(self) -> str:
         """The configuration as TOML text; reading it back gives an equal one."""

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..earth import ELLIPSOID
+from ..earth import ELLIPSOID, gravity_excess
 from ..errors import InputError
-from ..frames import Array
+from ..frames import Array, transform
 from ..navigate.state import State
 from . import model
 from .history import Run, angle_sigmas, innovation_names
@@ -48,23 +48,20 @@ def covariance(config: Config) -> Run:
         raise InputError("[trajectory] is missing: a covariance analysis needs the course that the master would take")
     from ..navigate.trajectory import Trajectory
 
-    course = Trajectory.of(config.trajectory, earth_rate=config.earth_rate)
+    excess = gravity_excess(config.gravity, config.trajectory.latitude, config.trajectory.height)
+    course = Trajectory.of(config.trajectory, earth_rate=config.earth_rate, gravity_excess=excess)
     states = model.layout_of(config)
     count = int(course.duration / config.update_interval + 1e-9)
     times = np.asarray(config.update_interval * np.arange(count + 1.0), dtype=np.float64)
-    model.refuse_poles(config, course.state(times).place[0], "[trajectory]")
     start = course.state(times[:1])
-    instant = _instants(config, states, course, times[:1], config.update_interval)
-    at_start = model.Instant(*(getattr(instant, name)[0] for name in instant.__dataclass_fields__))
-    first = model.prior(config, states, at_start, float(start.height[0]))
-    P, observer = first.copy(), Observer(first, states.names)
+    _, P = model.prior(config, states, _instants(config, states, course, times[:1], start)[0], float(start.height[0]))
+    observer = Observer(P, states.names)
     found = []
     for i in range(0, times.size - 1, _PIECE):
         found.append(_follow(config, states, course, times[i : i + _PIECE + 1], P, observer))
         observer.look(float(times[min(i + _PIECE, times.size - 1)]))
     sigmas, angles, spread, places = (np.concatenate(part) for part in zip(*found, strict=True))
-    attitude = config.matching == "velocity+attitude"
-    rows = innovation_names(states.geographic, int(states.at[1]), attitude)
+    rows = innovation_names(config, states)
     nothing = np.full((count, len(rows)), np.nan)
     end = course.state(times[-1:])
     return Run(
@@ -92,22 +89,19 @@ def _frames(states: model.Layout, at: State) -> Array:
     return at.C_w_n if states.geographic else np.broadcast_to(np.eye(3), at.C_b_w.shape)
 
 
-def _apply(matrices: Array, vectors: Array) -> Array:
-    return np.asarray(np.einsum("mij,mj->mi", matrices, vectors))
-
-
-def _instants(config: Config, states: model.Layout, course: Trajectory, times: Array, interval: float) -> model.Instant:
+def _instants(config: Config, states: model.Layout, course: Trajectory, times: Array, at: State) -> model.Instant:
     """What measurements at times are linearised at; the acceleration is the mean over the interval around, or before the end."""
-    at = course.state(times)
+    model.refuse_poles(config, at.place[0], "[trajectory]")
     frame = _frames(states, at)
     C = frame @ at.C_b_w
-    rate = course.inputs(times)[1] - config.earth_rate * _apply(np.swapaxes(at.C_b_w, 1, 2), at.C_e_w[:, :, 2])
-    ends = [np.clip(times + side * 0.5 * interval, 0.0, course.duration) for side in (-1.0, 1.0)]
-    velocities = [_apply(_frames(states, s), s.velocity) for s in map(course.state, ends)]
+    rate = course.inputs(times)[1] - config.earth_rate * transform(np.swapaxes(at.C_b_w, 1, 2), at.C_e_w[:, :, 2])
+    half = 0.5 * config.update_interval
+    ends = [np.clip(times + side, 0.0, course.duration) for side in (-half, half)]
+    velocities = [transform(_frames(states, s), s.velocity) for s in map(course.state, ends)]
     count = times.size
     return model.Instant(
         C,
-        _apply(frame, at.velocity),
+        transform(frame, at.velocity),
         (velocities[1] - velocities[0]) / (ends[1] - ends[0])[:, None],
         rate,
         np.zeros((count, 3)),
@@ -125,18 +119,15 @@ def _follow(
     inside, after = course.state(middle), course.state(times[1:])
     frame = _frames(states, inside)
     C = frame @ inside.C_b_w
-    force = _apply(C, course.inputs(middle)[0])
-    now = _instants(config, states, course, times[1:], config.update_interval)
+    force = transform(C, course.inputs(middle)[0])
+    now = _instants(config, states, course, times[1:], after)
     count, n = steps.size, len(states)
-    attitude = config.matching == "velocity+attitude"
-    noise = config.noise
-    R = np.array([noise.velocity**2] * int(states.at[1]) + [(noise.attitude or 0.0) ** 2] * (3 * attitude))
     still, sigmas, tilts = np.zeros((n, n)), np.empty((count, n)), np.empty((count, 3, 3))
     model.complete(config, states, still)
     follow(
         np.ascontiguousarray(C),
-        _apply(frame, inside.velocity),
-        _apply(frame, inside.C_e_w[:, :, 2]),
+        transform(frame, inside.velocity),
+        transform(frame, inside.C_e_w[:, :, 2]),
         np.ascontiguousarray(inside.height),
         force,
         steps,
@@ -144,8 +135,8 @@ def _follow(
         ELLIPSOID,
         states.at,
         still,
-        model.measurement(states, now, attitude),
-        R,
+        model.measurement(states, now, config.matches_attitude),
+        model.reading_noise(config, states),
         model.driving_noise(config, states),
         model.north_errors(states, after.C_w_n, after.place[0]),
         P,

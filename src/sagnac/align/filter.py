@@ -1,10 +1,9 @@
 """The filter of a transfer alignment: a slave that navigates, its errors' covariance, and the master that it is matched with.
 
 An extended Kalman filter with feedback: after each update the estimated errors are taken out of the navigation and of the
-values in use, and the
-filter goes on with a mean of zero, linearised at the best that is known. Written for a stream: :meth:`Filter.advance` takes
-samples of the slave,
-:meth:`Filter.match` a sample of the master for the time reached. Neither keeps any history.
+values in use, and the filter goes on with a mean of zero, linearised at the best that is known. Written for a stream:
+:meth:`Filter.advance` takes samples of the slave, :meth:`Filter.match` a sample of the master for the time reached. Neither
+keeps any history.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..earth import ELLIPSOID, normal_gravity, radii
+from ..earth import ELLIPSOID, gravity_excess, normal_gravity, radii
 from ..errors import DataError
 from ..frames import Array, cross, left_jacobian, rotation_matrix, rotation_vector
 from ..kernels import error_model, kalman
@@ -116,8 +115,7 @@ class Filter:
         self._rate = config.earth_rate
         latitude = float(start.place[0])
         height = float(start.height)
-        excess = config.gravity - normal_gravity(latitude, height) if config.gravity is not None else 0.0
-        self._excess = excess
+        self._excess = gravity_excess(config.gravity, latitude, height)
         self.navigator = self._navigator(start)
         self._now: State | None = None
         n = len(states)
@@ -129,14 +127,10 @@ class Filter:
         earth = self._rate * start.C_e_w[:, 2]
         over = wander.transport_rate(start.C_e_w, start.velocity, start.height)
         gained = start.C_b_w @ force - np.cross(2.0 * earth + over, start.velocity)
-        gained[2] -= normal_gravity(latitude, height) + excess
+        gained[2] -= normal_gravity(latitude, height) + self._excess
         self._turning = rate - start.C_b_w.T @ earth
         self._accelerating = self._frame(start) @ gained
-        now = self._instant(start)
-        self.P = model.prior(config, states, now, height)
-        self.x = np.zeros(n)
-        if mounting is not None:
-            self._relinearise(mounting, now)
+        self.x, self.P = model.prior(config, states, self._instant(start), height)
         self._noise = model.driving_noise(config, states)
         self._still = np.zeros((n, n))
         model.complete(config, states, self._still)
@@ -160,25 +154,6 @@ class Filter:
     def _frame(self, state: State) -> Array:
         """Takes coordinates in w to the frame of the errors."""
         return state.C_w_n if self.states.geographic else np.eye(3)
-
-    def _relinearise(self, mounting: Array, now: model.Instant) -> None:
-        """Start with a mounting m of which the prior knows nothing, ``exp(mu) = exp(m) exp(d)``.
-
-        The prior is on mu, ``mu = m + Jr(m)^-1 d`` where the filter will end: d has the mean ``-m`` (``Jr(m) m = m``) and the
-        covariance ``Jr P Jr'``; the first attitude and velocity error follow, as they do in the prior.
-        """
-        where, attitude = self.states.block("mounting"), self.states.block("attitude")
-        rows = int(self.states.at[1])
-        H = model.measurement(self.states, now, True)
-        both, mean = np.eye(len(self.x)), np.zeros(len(self.x))
-        turn = left_jacobian(mounting).T
-        both[where, where] = turn
-        for first, H_ in ((attitude, H[rows:]), (self.states.block("velocity"), H[:rows])):
-            both[first, where] = -H_[:, where] @ (turn - np.eye(3))
-        mean[where] = -mounting
-        mean[attitude], mean[self.states.block("velocity")] = -H[rows:] @ mean, -H[:rows] @ mean
-        self.x = mean
-        self.P = both @ self.P @ both.T
 
     def _instant(self, state: State) -> model.Instant:
         """What a measurement at a state is linearised at."""
@@ -275,23 +250,19 @@ class Filter:
             self.P[where, where] += ((C * spread**2) @ C.T)[:size, :size]
         self.predicted[:] = self.P
 
-    def match(self, reference: Reference, *, attitude: bool) -> Match:
+    def match(self, reference: Reference) -> Match:
         """Take in a sample of the master, if the gate lets it.
 
         Parameters
         ----------
         reference : Reference
             True at the time that :meth:`advance` has reached (its stamp less the latency and :attr:`delay`).
-        attitude : bool
-            Whether its attitude is matched too.
         """
         state = self.state
         now = self._instant(state)
-        y = self._difference(state, now, reference, attitude)
-        H = model.measurement(self.states, now, attitude)
-        noise = self._config.noise
-        rows = int(self.states.at[1])
-        R = np.array([noise.velocity**2] * rows + [(noise.attitude or 0.0) ** 2] * (3 * attitude))
+        y = self._difference(state, now, reference)
+        H = model.measurement(self.states, now, self._config.matches_attitude)
+        R = model.reading_noise(self._config, self.states)
         expected = H @ self.x
         distance = float(kalman.distance(self.P, H, R, y - expected))
         if not np.isfinite(distance):
@@ -331,17 +302,13 @@ class Filter:
         """Errors left after the feedback are rotations against the new values.
 
         With ``C~ -> exp(phi) C~`` and ``exp(mu) -> exp(mu) exp(x)`` they are ``Jl(phi)`` and ``Jr(x)`` of what they were.
-        Without it
-        the mounting would be off by the product of the estimates of its azimuth and its level, 0.1 arcmin for 0.5 and 0.2 deg.
+        Without it the mounting would be off by the product of the estimates of its azimuth and its level, 0.1 arcmin for 0.5 and
+        0.2 deg.
         """
         if max(np.abs(attitude).max(), np.abs(mounting).max()) < _NO_TURN:
             return
-        for where, J in (
-            (self.states.block("attitude"), left_jacobian(attitude)),
-            (self.states.block("mounting"), left_jacobian(-mounting)),
-        ):
-            self.P[where] = J @ self.P[where]
-            self.P[:, where] = self.P[:, where] @ J.T
+        model.turn_errors(self.P, self.states.block("attitude"), left_jacobian(attitude))
+        model.turn_errors(self.P, self.states.block("mounting"), left_jacobian(-mounting))
         self.P = 0.5 * (self.P + self.P.T)
 
     def less(self, other: State) -> Array:
@@ -368,7 +335,7 @@ class Filter:
             return mounting
         return rotation_vector(rotation_matrix(mounting) @ rotation_matrix(flexure))
 
-    def _difference(self, state: State, now: model.Instant, reference: Reference, attitude: bool) -> Array:
+    def _difference(self, state: State, now: model.Instant, reference: Reference) -> Array:
         """Slave less master, in the frame of the errors, with lever arm and mounting as they are in use."""
         if self.states.geographic:
             to_frame = parted(state, now.C @ rotation_matrix(now.mounting).T @ self.lever)
@@ -379,7 +346,7 @@ class Filter:
         rate = now.rate - flexing if flexing.size else now.rate
         carried = now.C @ cross(rate, turned.T @ self.lever)
         out = (now.velocity - to_frame @ reference.velocity - carried)[: self.states.at[1]]
-        if not attitude or reference.attitude is None:
+        if not self._config.matches_attitude or reference.attitude is None:
             return np.asarray(out)
         error = now.C @ (to_frame @ reference.attitude @ turned).T
         return np.concatenate([out, -rotation_vector(error)])

@@ -38,8 +38,7 @@ class Run:
     time : ndarray, shape (m,), s
     values : ndarray, shape (m, n)
         Parameters as estimated; errors of the navigation as they were taken out at this update (feedback), or those of the
-        slave
-        that has navigated on its own since the start (output). NaN in a covariance analysis.
+        slave that has navigated on its own since the start (output). NaN in a covariance analysis.
     sigmas : ndarray, shape (m, n)
     covariance : ndarray, shape (n, n)
         At the end.
@@ -57,6 +56,8 @@ class Run:
     observability : Observability
     final : State
         Of the slave, corrected, ready to navigate on in the wander frame.
+    start : float, s
+        When it began.
     skipped : tuple of (float, float, str)
         From, to [s] and why.
     smoothed, smoothed_sigmas : ndarray, shape (m, n), or None
@@ -78,15 +79,17 @@ class Run:
     places: Array
     observability: Observability
     final: State
+    start: float = 0.0
     skipped: tuple[tuple[float, float, str], ...] = ()
     smoothed: Array | None = None
     smoothed_sigmas: Array | None = None
 
 
-def innovation_names(geographic: bool, rows: int, attitude: bool) -> tuple[str, ...]:
+def innovation_names(config: Config, states: model.Layout) -> tuple[str, ...]:
     """Names of what is matched."""
-    axes = ("east", "north", "up") if geographic else ("x", "y", "z")
-    return tuple([f"velocity.{a}" for a in axes[:rows]] + [f"attitude.{a}" for a in axes] * attitude)
+    axes = ("east", "north", "up") if states.geographic else ("x", "y", "z")
+    names = [f"velocity.{a}" for a in axes[: states.at[1]]]
+    return tuple(names + [f"attitude.{a}" for a in axes] * config.matches_attitude)
 
 
 def angle_sigmas(C_b_n: Array, covariance: Array) -> Array:
@@ -103,9 +106,8 @@ def angle_sigmas(C_b_n: Array, covariance: Array) -> Array:
     ndarray, shape (m, 3), rad
     """
     r = -np.eye(3)
-    x, y, z = (
-        np.cross(r, C_b_n[:, None, :, i]) for i in range(3)
-    )  # (m, 3 components of Phi, 3): change of each body axis
+    # change of each body axis, (m, 3 components of Phi, 3)
+    x, y, z = (np.cross(r, C_b_n[:, None, :, i]) for i in range(3))
     c = C_b_n
     level = c[:, 0, 1] ** 2 + c[:, 1, 1] ** 2
     heading = (y[..., 0] * c[:, 1, 1, None] - y[..., 1] * c[:, 0, 1, None]) / level[:, None]
@@ -163,8 +165,8 @@ class History:
         state = filter_.state
         self._times.append(time)
         self._values.append(values)
-        variance = filter_.P.diagonal().copy()
-        variance[s("mounting")] = (self._told() @ filter_.P @ self._told().T).diagonal()[s("mounting")]
+        variance, where, J = filter_.P.diagonal().copy(), s("mounting"), self._told()
+        variance[where] = (J @ filter_.P[where, where] @ J.T).diagonal()
         self._sigmas.append(model.reported(self._config, self._states, variance, float(state.height)))
         self._attitudes.append(state.C_b_n)
         self._tilts.append(self._tilt(state))
@@ -172,22 +174,20 @@ class History:
         self._matches.append(match)
 
     def _told(self) -> Array:
-        """Takes errors to those of the numbers told, (n, n): ``log(exp(m) exp(d)) = m + Jr(m)^-1 d`` for the mounting m."""
-        where = self._states.block("mounting")
-        out = np.eye(len(self._states))
-        out[where, where] = np.linalg.inv(left_jacobian(-self._filter.values[where]))
-        return out
+        """Takes errors of the mounting to those of the numbers told, (3, 3): ``log(exp(m) exp(d)) = m + Jr(m)^-1 d``."""
+        return np.asarray(np.linalg.inv(left_jacobian(-self._filter.values[self._states.block("mounting")])))
 
     def _tilt(self, state: State) -> Array:
         """Covariance of the attitude error in east, north, up."""
         pick = model.north_errors(self._states, state.C_w_n, state.place[0])
         return np.asarray(pick @ self._filter.P @ pick.T)
 
-    def run(self, skipped: tuple[tuple[float, float, str], ...]) -> Run:
-        """All of it."""
+    def run(self, start: float, skipped: tuple[tuple[float, float, str], ...]) -> Run:
+        """All of it, and the time at the start."""
         states, last = self._states, self._filter
-        attitude = self._config.matching == "velocity+attitude"
-        rows = innovation_names(states.geographic, int(states.at[1]), attitude)
+        rows = innovation_names(self._config, states)
+        covariance = last.P.copy()
+        model.turn_errors(covariance, states.block("mounting"), self._told())
         nothing = np.full(len(rows), np.nan)
         C = np.stack(self._attitudes)
         values = np.stack(self._values)
@@ -202,7 +202,7 @@ class History:
             np.array(self._times),
             values,
             np.stack(self._sigmas),
-            self._told() @ last.P @ self._told().T,
+            covariance,
             rows,
             np.stack([nothing if m is None else m.innovation for m in self._matches]),
             np.stack([nothing if m is None else m.sigma for m in self._matches]),
@@ -213,6 +213,7 @@ class History:
             np.stack(self._places),
             self._observer.result(last.P),
             last.state,
+            start,
             skipped,
             smoothed,
             smoothed_sigmas,

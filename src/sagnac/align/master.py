@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import formats, units
 from ..errors import InputError
@@ -69,10 +70,14 @@ class Master:
         """Usual time between samples, s."""
         return float(np.median(np.diff(self.time)))
 
+    @property
+    def wide(self) -> NDArray[np.bool_]:
+        """Which intervals between samples are gaps, shape (m - 1,)."""
+        return np.asarray(np.diff(self.time) > GAP * self.interval)
+
     def gaps(self) -> list[tuple[float, float]]:
         """Start and end, in s, of the stretches without samples."""
-        wide = np.flatnonzero(np.diff(self.time) > GAP * self.interval)
-        return [(float(self.time[i]), float(self.time[i + 1])) for i in wide]
+        return [(float(self.time[i]), float(self.time[i + 1])) for i in np.flatnonzero(self.wide)]
 
 
 def from_arrays(

@@ -1,21 +1,19 @@
 """The error states of an alignment: which there are, what is known of them beforehand, what drives them, what shows them.
 
 Errors of the navigation are computed less true: dv, phi with ``C~ = (I - [phi x]) C``, theta with ``C~_e = (I - [theta x])
-C_e``, dh. All the
-others are what is still to be added to the value in use: gyro bias eps, accelerometer bias nab, mounting mu (``C_s^m =
-exp([mu x])``), lever arm,
-flexure, delay of the master. How the first ones grow is in :mod:`sagnac.kernels.error_model`.
+C_e``, dh. All the others are what is still to be added to the value in use: gyro bias eps, accelerometer bias nab, mounting mu
+(``C_s^m = exp([mu x])``), lever arm, flexure, delay of the master. How the first ones grow is in
+:mod:`sagnac.kernels.error_model`.
 
 Because the slave starts with its master's attitude, ``phi(0) = C mu``: the mounting is a copy of the attitude error at the
-start. It costs three
-states and gives what is asked for, the mounting, also after the attitude error has gone its own way with the drift of the
-gyros.
+start. It costs three states and gives what is asked for, the mounting, also after the attitude error has gone its own way with
+the drift of the gyros.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -23,7 +21,8 @@ from numpy.typing import ArrayLike
 
 from ..earth import ELLIPSOID
 from ..errors import InputError
-from ..frames import Array, rotation_matrix, skew
+from ..frames import Array, left_jacobian, rotation_matrix, skew, transform
+from ..navigate.trajectory.carried import MARKOV_2
 
 if TYPE_CHECKING:
     from .config import Config
@@ -33,8 +32,6 @@ _POLAR = np.radians(89.0)
 _LOGGED = 0.1
 """m: how well the slave's position is at first the one of the master's log, lever arm added. The states of the position are those
 against the log, whatever the log's own error: it is the same for both."""
-_MARKOV_2 = 2.146
-"""Second-order Markov process: its rate is this over the correlation time (Gelb, *Applied Optimal Estimation*, table 2.2-1)."""
 
 
 @dataclass(frozen=True)
@@ -161,20 +158,30 @@ def refuse_poles(config: Config, latitude: Array, name: str) -> None:
         )
 
 
-def prior(config: Config, states: Layout, now: Instant, height: float) -> Array:
-    """Covariance at the start, (n, n), in SI.
+def prior(config: Config, states: Layout, now: Instant, height: float) -> tuple[Array, Array]:
+    """Mean and covariance of the errors at the start, in SI.
 
     The slave takes its attitude and velocity from the master's log with the mounting, lever arm and delay in use: what is wrong
     with them is in the first attitude and velocity error from the beginning. The start is a measurement without a difference,
     ``H x = 0``, which gives both errors as combinations of the other states; on top of it comes what else is stated of them.
+
+    What is stated of the mounting is told of its whole rotation vector mu, about zero, wherever the filter is linearised. With m
+    in use, and what is still to be added to it d, ``exp(mu) = exp(m) exp(d)``, it is to first order ``mu = m + Jr(m)^-1 d``: d
+    has the mean ``-m`` (``Jr(m) m = m``) and the covariance ``Jr S^2 Jr'``. That is the prior at the point that the filter ends
+    near. A large mean must stay in its state until the readings have moved it; fed back at once it would undo the start.
 
     Parameters
     ----------
     config : Config
     states : Layout
     now : Instant
-        The slave at the start.
+        The slave at the start, with the mounting in use.
     height : float, m
+
+    Returns
+    -------
+    mean : ndarray, shape (n,)
+    covariance : ndarray, shape (n, n)
     """
     first = config.initial
     s = states.block
@@ -194,21 +201,24 @@ def prior(config: Config, states: Layout, now: Instant, height: float) -> Array:
     turned = s("position").stop - s("position").start
     sigma[s("position")] = [*[_LOGGED / radius] * (turned - turned % 2), *[first.wander] * (turned % 2)]
     if config.flexure is not None:
-        beta = _MARKOV_2 / config.flexure.time
+        beta = MARKOV_2 / config.flexure.time
         sigma[s("flexure")] = config.flexure.sigma
         sigma[s("flexure_rate")] = beta * np.asarray(config.flexure.sigma)
-    spread = np.diag(sigma)
+    spread, mean = np.diag(sigma), np.zeros(len(states))
+    spread[s("mounting")] = left_jacobian(now.mounting).T @ spread[s("mounting")]
+    mean[s("mounting")] = -now.mounting
     H, rows = measurement(states, now, True), int(states.at[1])
     attitude, velocity = s("attitude"), s("velocity")
-    spread[attitude] = -H[rows:] @ spread
-    spread[velocity] = -H[:rows] @ spread
+    for errors in (mean, spread):
+        errors[attitude] = -H[rows:] @ errors
+        errors[velocity] = -H[:rows] @ errors
     out = spread @ spread.T
     out[velocity, velocity] += first.velocity**2 * np.eye(rows)
-    if config.matching == "velocity+attitude":
+    if config.matches_attitude:
         # the attitude that the slave starts with is one reading of the master's; with velocities alone the mounting is told
         # against that reading, as nothing can tell it from the master's true attitude
         out[attitude, attitude] += (config.noise.attitude or 0.0) ** 2 * np.eye(3)
-    return np.asarray(out)
+    return mean, out
 
 
 def reported(config: Config, states: Layout, variance: Array, height: float) -> Array:
@@ -242,15 +252,22 @@ def driving_noise(config: Config, states: Layout) -> Array:
     ):
         q[states.block(block)] = density**2
     if config.flexure is not None:
-        beta = _MARKOV_2 / config.flexure.time
+        beta = MARKOV_2 / config.flexure.time
         q[states.block("flexure_rate")] = 4.0 * beta**3 * np.asarray(config.flexure.sigma) ** 2
     return q
+
+
+def reading_noise(config: Config, states: Layout) -> Array:
+    """Variances of a sample of the master, in the order of the rows of :func:`measurement`, (k,), SI."""
+    noise = config.noise
+    attitude = [(noise.attitude or 0.0) ** 2] * (3 * config.matches_attitude)
+    return np.array([noise.velocity**2] * int(states.at[1]) + attitude)
 
 
 def complete(config: Config, states: Layout, F: Array) -> None:
     """Rows of F that the navigation does not fill: the flexure, ``l'' = -2 b l' - b^2 l + noise``."""
     if config.flexure is not None:
-        beta = _MARKOV_2 / config.flexure.time
+        beta = MARKOV_2 / config.flexure.time
         angle, rate = states.block("flexure"), states.block("flexure_rate")
         F[angle, rate] = np.eye(3)
         F[rate, angle] = -(beta**2) * np.eye(3)
@@ -281,6 +298,10 @@ class Instant:
     mounting: Array
     lever: Array
 
+    def __getitem__(self, k: int) -> Instant:
+        """One of many."""
+        return Instant(*(getattr(self, f.name)[k] for f in fields(self)))
+
 
 def measurement(states: Layout, now: Instant, attitude: bool) -> Array:
     """Matrix H of velocity, and attitude, matching.
@@ -307,14 +328,14 @@ def measurement(states: Layout, now: Instant, attitude: bool) -> Array:
     H = np.zeros((*now.C.shape[:-2], rows + 3 * attitude, len(states)))
     s = states.block
     H[..., :rows, s("velocity")] = np.eye(rows)
-    lever = np.einsum("...ji,...j->...i", rotation_matrix(now.mounting), now.lever)  # in the slave's axes
+    to_slave = np.swapaxes(rotation_matrix(now.mounting), -1, -2)
+    lever = transform(to_slave, now.lever)
     swung = now.C @ skew(now.rate)  # C (w x .)
-    carried = np.einsum("...ij,...j->...i", swung, lever)
+    carried = transform(swung, lever)
     H[..., :rows, s("attitude")] = -skew(carried)[..., :rows, :]
     turning = (swung @ skew(lever))[..., :rows, :]
     H[..., :rows, s("mounting")] = turning
     if "lever" in states.blocks:
-        to_slave = np.swapaxes(rotation_matrix(now.mounting), -1, -2)
         H[..., :rows, s("lever")] = (swung @ to_slave)[..., :rows, :]
     if "flexure" in states.blocks:
         H[..., :rows, s("flexure")] = turning
@@ -326,6 +347,12 @@ def measurement(states: Layout, now: Instant, attitude: bool) -> Array:
     if attitude:
         _attitude_rows(states, now, axes, H[..., rows:, :])
     return H
+
+
+def turn_errors(covariance: Array, where: slice, J: Array) -> None:
+    """Write J times the errors of one block in the place of them, in a covariance, in place."""
+    covariance[where] = J @ covariance[where]
+    covariance[:, where] = covariance[:, where] @ J.T
 
 
 def _turned_axes(states: Layout) -> Array:
@@ -345,7 +372,7 @@ def _attitude_rows(states: Layout, now: Instant, axes: Array, H: Array) -> None:
     if "flexure" in states.blocks:
         H[..., s("flexure")] = -now.C
     if "delay" in states.blocks:
-        H[..., s("delay")] = -np.einsum("...ij,...j->...i", now.C, now.rate)[..., None]
+        H[..., s("delay")] = -transform(now.C, now.rate)[..., None]
 
 
 def north_errors(states: Layout, C_w_n: Array, latitude: ArrayLike) -> Array:

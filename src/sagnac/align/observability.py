@@ -21,10 +21,8 @@ class Observability:
         Standard deviation at the end over that at the start; NaN where there was none at the start.
     gains : ndarray, shape (r,)
         Singular values of the Gramian ``sum (H T)' R^-1 (H T)``, with T the transition from the start, in units of what is
-        known
-        beforehand (``S' W S`` with ``P(0) = S S'``): a direction with gain g is known to ``1 / sqrt(1 + g)`` of its first
-        standard
-        deviation, as far as the noise that drives the states allows. From the best seen to the least.
+        known beforehand (``S' W S`` with ``P(0) = S S'``): a direction with gain g is known to ``1 / sqrt(1 + g)`` of its first
+        standard deviation, as far as the noise that drives the states allows. From the best seen to the least.
     directions : ndarray, shape (r, n)
         What each of them is: changes of the states in units of their first standard deviations.
     times : ndarray, shape (j,), s

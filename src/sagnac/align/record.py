@@ -72,7 +72,6 @@ def of_run(
     kind: str,
     config: Config,
     found: Run,
-    start: float,
     *,
     values: Array | None = None,
     uneven: float = 0.0,
@@ -88,8 +87,6 @@ def of_run(
         ``transfer`` or ``covariance``.
     config : Config
     found : Run
-    start : float, s
-        When it began.
     values : ndarray, shape (n,), optional
         Of the states; none without data.
     uneven : float, rad
@@ -125,7 +122,7 @@ def of_run(
             "not_observed": unseen,
             "not_separated": verdict.not_separated(found, names, unseen),
             "skipped": tuple(Stretch(start=a, stop=b, reason=why) for a, b, why in found.skipped),
-            "course": _course(found, kept, start, uneven),
+            "course": _course(found, kept, uneven),
             "source": source,
             "remarks": tuple(dict.fromkeys(remarks)),
             "software": Software(version=__version__),
@@ -172,9 +169,9 @@ def _observed(found: Run, names: list[str], sigmas: Array) -> tuple[Observed, ..
     )
 
 
-def _course(found: Run, kept: list[int], start: float, uneven: float) -> tuple[Moment, ...]:
+def _course(found: Run, kept: list[int], uneven: float) -> tuple[Moment, ...]:
     """Uncertainties at some times, the end among them."""
-    after = found.time - start
+    after = found.time - found.start
     at = [int(np.searchsorted(after, m - 1e-6)) for m in _MOMENTS if m < after[-1] - 1e-6]
     of_master = np.array([uneven if found.names[i].startswith("misalignment") else 0.0 for i in kept])
     return tuple(

@@ -9,7 +9,7 @@ import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -17,6 +17,9 @@ from pydantic import Field, model_validator
 from .. import results, units
 from ..frames import Array
 from ..results import Record, Software, Source
+
+if TYPE_CHECKING:
+    from ..recording import Recording
 
 SCHEMA = "sagnac/alignment/1"
 SCHEMA_FILE = Path(__file__).parents[1] / "alignment-1.schema.json"
@@ -74,6 +77,14 @@ class Stretch(Record):
     reason: str
 
 
+class Column(Record):
+    """An axis of a sensor (``gyro_x``), its column in the recording, and what the numbers there were multiplied by."""
+
+    axis: str
+    column: str
+    factor: float
+
+
 class Moment(Record):
     """Standard uncertainties of the parameters some time after the start, s, in their order."""
 
@@ -109,6 +120,8 @@ class Alignment(Record):
     course: tuple[Moment, ...] = ()
     """How the uncertainty fell."""
     source: tuple[Source, ...] = ()
+    columns: tuple[Column, ...] = ()
+    """How the samples of the unit were read: another recording of it that is read otherwise does not go with this."""
     remarks: tuple[str, ...] = ()
     software: Software
     created: str
@@ -254,6 +267,11 @@ def _end_lines(found: Alignment) -> list[str]:
     lines += [f"not told apart: {words}" for words in found.not_separated]
     lines += [f"note: {r}" for r in found.remarks]
     return ["", *(part for line in lines for part in _wrapped(line))] if lines else []
+
+
+def columns_of(recording: Recording) -> tuple[Column, ...]:
+    """How a recording is read."""
+    return tuple(Column(axis=a, column=c, factor=f) for a, (c, f) in recording.axes.items())
 
 
 def values_of(names: Sequence[str], given: Sequence[str], values: Array | None, sigmas: Array) -> tuple[Value, ...]:

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..earth import earth_rate_enu, radii
-from ..errors import InputError
 from ..frames import Array, rotation_matrix
 from ..navigate.state import State
 from . import model
 from .filter import Filter, Reference, parted
 from .history import History, Run
-from .samples import Feed, Slave
+from .samples import Feed, Slave, chosen
 
 if TYPE_CHECKING:
     from .config import Config
@@ -38,8 +37,7 @@ def transfer(
     master : Master
     mounting : ndarray, shape (3,), rad, optional
         Where to linearise first, for mountings of tens of degrees (see :mod:`sagnac.align.large`). It is no prior knowledge:
-        that
-        stays centred at zero.
+        that stays centred at zero.
     progress : callable, optional
         Takes the time reached, s.
 
@@ -51,7 +49,7 @@ def transfer(
         When a gap in the slave's samples is too long to bridge, or the covariance is lost.
     """
     stamps = master.time - config.latency
-    first, samples = _chosen(config, slave, master, stamps)
+    first, *samples = chosen(config, slave, master).tolist()
     gaps = slave.gaps()
     model.refuse_poles(config, master.latitude, master.name)
     rate, force = _felt(slave, float(stamps[first]))
@@ -59,7 +57,6 @@ def transfer(
     filter_ = Filter(config, model.layout_of(config), start, rate, force, mounting)
     walk = _Walk(config, slave, master, stamps, gaps, filter_, float(stamps[first]))
     history = History(config, filter_, walk.raw)
-    attitude = config.matching == "velocity+attitude"
     for k in samples:
         target = float(stamps[k]) - filter_.delay
         if target > slave.time[-1]:
@@ -70,11 +67,11 @@ def transfer(
         if target - walk.now < 1e-9:
             continue
         walk.to(target)
-        history.note(walk.now, filter_.match(_reference(master, k), attitude=attitude))
+        history.note(walk.now, filter_.match(_reference(master, k)))
         if progress is not None:
             progress(walk.now)
     bridged = ((float(slave.time[i]), float(slave.time[i + 1]), "no samples of the slave, bridged") for i in gaps)
-    return history.run(tuple(bridged))
+    return history.run(float(stamps[first]), tuple(bridged))
 
 
 class _Walk:
@@ -114,23 +111,6 @@ class _Walk:
         self.now = stop
 
 
-def _chosen(config: Config, slave: Slave, master: Master, stamps: Array) -> tuple[int, list[int]]:
-    """The master's sample to start at, and those to match, as far apart as the updates are to be."""
-    inside = np.flatnonzero((stamps >= slave.time[0] - 1e-9) & (stamps <= slave.time[-1] + 1e-9))
-    if inside.size < 2:
-        raise InputError(
-            f"{master.name} ({stamps[0]:g} to {stamps[-1]:g} s) and {slave.name} ({slave.time[0]:g} to {slave.time[-1]:g} s) "
-            f"have {inside.size} samples of the master in common: are they of the same run, on the same clock?"
-        )
-    out: list[int] = []
-    last, least = stamps[inside[0]], config.update_interval - 0.5 * master.interval
-    for k in inside[1:]:
-        if stamps[k] - last > least:
-            out.append(int(k))
-            last = stamps[k]
-    return int(inside[0]), out
-
-
 def _felt(slave: Slave, time: float) -> tuple[Array, Array]:
     """Rate and specific force of the slave, (3,) each, over the first tenth of a second."""
     first, last = np.searchsorted(slave.time[1:], [time + 1e-9, time + 0.1])
@@ -141,10 +121,7 @@ def _felt(slave: Slave, time: float) -> tuple[Array, Array]:
 
 def _start(config: Config, master: Master, k: int, rate: Array, mounting: Array | None) -> State:
     """Of the slave: the master's position, velocity and attitude, moved over the lever arm."""
-    if master.attitude is None:
-        raise InputError(
-            f"{master.name}: heading, pitch and roll are missing: the slave starts with the master's attitude"
-        )
+    assert master.attitude is not None  # refused before
     C_m_n, latitude = master.attitude[k], float(master.latitude[k])
     turned = np.eye(3) if mounting is None else rotation_matrix(mounting)
     lever = np.array(config.lever_arm)

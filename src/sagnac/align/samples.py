@@ -1,14 +1,20 @@
-"""The slave's increments, handed out between any two times."""
+"""The slave's increments, handed out between any two times, and the master's samples that they are matched with."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..errors import DataError
+from ..errors import DataError, InputError
 from ..frames import Array
 from ..recording import GAP
+
+if TYPE_CHECKING:
+    from .config import Config
+    from .master import Master
 
 _LONGEST_GAP = 1.0
 """s: what a vehicle does in a longer time cannot be told from the samples around it."""
@@ -35,6 +41,11 @@ class Slave:
     pushes: Array
     name: str = "slave"
 
+    @property
+    def wide(self) -> NDArray[np.bool_]:
+        """Which intervals are gaps, shape (n,)."""
+        return np.asarray(self.steps > GAP * np.median(self.steps))
+
     def gaps(self) -> list[int]:
         """Numbers of the intervals that are gaps.
 
@@ -43,7 +54,7 @@ class Slave:
         DataError
             When one of them is too long for its increments to be guessed.
         """
-        wide = np.flatnonzero(self.steps > GAP * np.median(self.steps))
+        wide = np.flatnonzero(self.wide)
         for i in wide:
             if self.steps[i] > _LONGEST_GAP:
                 raise DataError(
@@ -61,6 +72,62 @@ class Slave:
         rates, forces = ([v[i] / self.steps[i] for i in around] for v in (self.turns, self.pushes))
         span = self.steps[gap]
         return 0.5 * span * np.abs(rates[0] - rates[-1]), 0.5 * span * np.abs(forces[0] - forces[-1])
+
+
+def running(time: Array, increments: Array, at: Array) -> Array:
+    """Sums of increments from the first time on; within an interval by its share.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n + 1,), s
+        Ends of the intervals, that of the first one's beginning in front.
+    increments : ndarray, shape (n, 3)
+    at : ndarray, shape (k,), s
+
+    Returns
+    -------
+    ndarray, shape (k, 3)
+    """
+    total = np.vstack([np.zeros(3), np.cumsum(increments, axis=0)])
+    return np.stack([np.interp(at, time, column) for column in total.T], axis=-1)
+
+
+def chosen(config: Config, slave: Slave, master: Master, longest: float = np.inf) -> NDArray[np.intp]:
+    """The master's samples: the one to start at, and those to match, as far apart as the updates are to be.
+
+    Parameters
+    ----------
+    config : Config
+    slave : Slave
+    master : Master
+    longest : float, s
+        From the first one on.
+
+    Returns
+    -------
+    ndarray of int, shape (m + 1,)
+
+    Raises
+    ------
+    InputError
+        When the two do not overlap, or the master gives no attitude to start with.
+    """
+    if master.attitude is None:
+        raise InputError(
+            f"{master.name}: heading, pitch and roll are missing: the slave starts with the master's attitude"
+        )
+    stamps = master.time - config.latency
+    inside = np.flatnonzero((stamps >= slave.time[0] - 1e-9) & (stamps <= slave.time[-1] + 1e-9))
+    if inside.size < 2:
+        raise InputError(
+            f"{master.name} ({stamps[0]:g} to {stamps[-1]:g} s) and {slave.name} ({slave.time[0]:g} to {slave.time[-1]:g} s) "
+            f"have {inside.size} samples of the master in common: are they of the same run, on the same clock?"
+        )
+    out, least = [inside[0]], config.update_interval - 0.5 * master.interval - 1e-9
+    for k in inside[stamps[inside] <= stamps[inside[0]] + longest + 1e-9][1:]:
+        if stamps[k] - stamps[out[-1]] > least:
+            out.append(k)
+    return np.array(out)
 
 
 class Feed:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..frames import Array, left_jacobian, rotation_matrix, rotation_vector
+from .model import turn_errors
 
 
 @dataclass(frozen=True)
@@ -84,11 +85,8 @@ def _turned_back(covariance: Array, x: Array, attitude: slice, mounting: slice) 
     """Covariance of errors against the values before a feedback, given that against the values after it."""
     out = covariance.copy()
     for where, turned in ((attitude, x[attitude]), (mounting, -x[mounting])):
-        if not turned.size:
-            continue
-        back = np.linalg.inv(left_jacobian(turned))
-        out[where] = back @ out[where]
-        out[:, where] = out[:, where] @ back.T
+        if turned.size:
+            turn_errors(out, where, np.asarray(np.linalg.inv(left_jacobian(turned))))
     return out
 
 

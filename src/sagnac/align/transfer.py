@@ -7,6 +7,7 @@ and all files are written or none.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from ..errors import DataError, InputError
 from ..frames import Array
 from ..navigate.strapdown import increments
-from ..recording import GAP, SENSORS, Recording, open_recording, sample_interval
+from ..recording import SENSORS, Recording, open_recording, sample_interval
 from . import config as configs
 from . import run
 from .checks import differences, timing, verdict
@@ -23,7 +24,7 @@ from .checks import samples as sample_checks
 from .config import Config
 from .master import Master, open_master
 from .record import Draw, keep_inputs, of_run, sources, write
-from .result import Alignment
+from .result import Alignment, columns_of
 from .samples import Slave
 
 _ROUNDING = 3e-6  # rad: less noise than this of the master's attitude is none
@@ -82,17 +83,15 @@ def transfer(
             "gravity is not given: what the site's own differs from the normal one by, some 30 mGal (30 ug), is in "
             "accel.bias.z and not in its uncertainty; write gravity = the measured value"
         )
-    stamps = log.time - settings.latency
-    start = float(stamps[np.searchsorted(stamps, samples.time[0] - 1e-9)])
     result = of_run(
         "transfer",
         settings,
         found,
-        start,
         values=found.values[-1],
         uneven=uneven,
         innovations=innovations,
         source=sources((master, log.time), (recording.path, samples.time), (config, None)),
+        columns=columns_of(recording),
         remarks=(*remarks, *said, *doubts, *more),
     )
     write(out, result, found, draw)
@@ -121,7 +120,7 @@ def covariance(
     settings = configs.load(config) if not isinstance(config, Config) else config
     keep_inputs(out, draw, (config if not isinstance(config, Config) else None,))
     found = follow(settings)
-    result = of_run("covariance", settings, found, 0.0, source=sources((config, None)))
+    result = of_run("covariance", settings, found, source=sources((config, None)))
     write(out, result, found, draw)
     return result
 
@@ -153,19 +152,18 @@ def slave_of(recording: Recording, config: Config) -> Slave:
     counted = sample_interval(batches[0].time) if recording.increments else 0.0
     time = np.concatenate([b.time for b in batches])
     gyro, accel = (np.concatenate([getattr(b, s) for b in batches]) for s in ("gyro", "accel"))
-    steps, turns, pushes = increments(time, gyro, accel, config.samples)
+    slave = Slave(time, *increments(time, gyro, accel, config.samples), recording.name)
     if "gyro" in recording.increments:
-        turns = _counted(gyro, counted, steps)
+        slave = replace(slave, turns=_counted(gyro, counted, slave))
     if "accel" in recording.increments:
-        pushes = _counted(accel, counted, steps)
-    return Slave(time, steps, turns, pushes, recording.name)
+        slave = replace(slave, pushes=_counted(accel, counted, slave))
+    return slave
 
 
-def _counted(rates: Array, interval: float, steps: Array) -> Array:
+def _counted(rates: Array, interval: float, slave: Slave) -> Array:
     """What was counted, from the rates that the recording makes of it; over a gap what the samples around it say."""
-    out = rates[1:] * interval
-    wide = np.flatnonzero(steps > GAP * np.median(steps))
-    out[wide] = 0.5 * (rates[wide] + rates[wide + 1]) * steps[wide, None]
+    out, wide = rates[1:] * interval, np.flatnonzero(slave.wide)
+    out[wide] = 0.5 * (rates[wide] + rates[wide + 1]) * slave.steps[wide, None]
     return np.asarray(out)
 
 
@@ -207,7 +205,7 @@ def examine(slave: Slave, master: Master, config: Config) -> tuple[list[str], li
         return remarks, doubts, 0.0
     noise, more = differences.check(slave, master, config, late)
     remarks += more
-    if config.matching == "velocity+attitude" or noise.attitude < _ROUNDING:
+    if config.matches_attitude or noise.attitude < _ROUNDING:
         return remarks, doubts, 0.0
     remarks.append(
         f"the mounting is told against one sample of the master's attitude; its noise, {noise.attitude * 10800.0 / np.pi:.2g} "

@@ -99,8 +99,8 @@ def system(C, v, u, h, f, earth_rate, ellipsoid, at, F):  # type: ignore[no-unty
     """System matrix of the errors of a navigation system.
 
     Equations of Huang et al. 2011 as vectors, with the ellipsoid's curvature in place of one radius; errors of position as
-    the rotation
-    theta of the computed direction cosines, ``C~_e = (I - [theta x]) C_e``, so that the Earth's axis is off by ``u x theta``::
+    the rotation theta of the computed direction cosines, ``C~_e = (I - [theta x]) C_e``, so that the Earth's axis is off by
+    ``u x theta``::
 
         dv'    = f x phi + C nab - (2 w_ie + w_ef) x dv + v x (2 dw_ie + dw_ef) - dg z
         phi'   = -(w_ie + w_ef) x phi + dw_ie + dw_ef - C eps

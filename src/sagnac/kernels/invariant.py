@@ -7,39 +7,10 @@ import math
 import numba as nb
 import numpy as np
 
+from .rotation import exponential
+
 _UPRIGHT = np.eye(3)
 """Axes that do not turn."""
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _rodrigues(a0, a1, a2, c1, c2, out):  # type: ignore[no-untyped-def]
-    """``out = I + c1 [a x] + c2 [a x]^2``."""
-    d = 1.0 - c2 * (a0 * a0 + a1 * a1 + a2 * a2)
-    out[0, 0] = d + c2 * a0 * a0
-    out[0, 1] = c2 * a0 * a1 - c1 * a2
-    out[0, 2] = c2 * a0 * a2 + c1 * a1
-    out[1, 0] = c2 * a0 * a1 + c1 * a2
-    out[1, 1] = d + c2 * a1 * a1
-    out[1, 2] = c2 * a1 * a2 - c1 * a0
-    out[2, 0] = c2 * a0 * a2 - c1 * a1
-    out[2, 1] = c2 * a1 * a2 + c1 * a0
-    out[2, 2] = d + c2 * a2 * a2
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def exponential(a0, a1, a2, turn, left):  # type: ignore[no-untyped-def]
-    """``turn = exp([a x])`` and its left Jacobian, the mean of the rotation on the way."""
-    t2 = a0 * a0 + a1 * a1 + a2 * a2
-    if t2 < 1e-6:
-        c1 = 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0)
-        c2 = 0.5 - t2 / 24.0 * (1.0 - t2 / 30.0)
-        c3 = 1.0 / 6.0 - t2 / 120.0 * (1.0 - t2 / 42.0)
-    else:
-        t = math.sqrt(t2)
-        c1, c2 = math.sin(t) / t, (1.0 - math.cos(t)) / t2
-        c3 = (1.0 - c1) / t2
-    _rodrigues(a0, a1, a2, c1, c2, turn)
-    _rodrigues(a0, a1, a2, c2, c3, left)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -89,6 +89,28 @@ def distance(P, H, R, y):  # type: ignore[no-untyped-def]
     return out
 
 
+@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def take(x, P, h, variance, y, g):  # type: ignore[no-untyped-def]
+    """Take in one measurement ``y = h x + noise``; `g` (n,) is overwritten."""
+    n = x.size
+    s, innovation = variance, y
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            if h[j] != 0.0:
+                total += P[i, j] * h[j]
+        g[i] = total
+    for i in range(n):
+        s += h[i] * g[i]
+        innovation -= h[i] * x[i]
+    for i in range(n):
+        gain = g[i] / s
+        x[i] += gain * innovation
+        for j in range(i, n):
+            P[i, j] -= gain * g[j]
+            P[j, i] = P[i, j]
+
+
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def update(x, P, H, R, y):  # type: ignore[no-untyped-def]
     """Take in measurements one by one: white, ``y = H x + noise``.
@@ -103,22 +125,6 @@ def update(x, P, H, R, y):  # type: ignore[no-untyped-def]
         Variances.
     y : ndarray, shape (k,)
     """
-    k, n = H.shape
-    g = np.empty(n)
-    for a in range(k):
-        s, innovation = R[a], y[a]
-        for i in range(n):
-            total = 0.0
-            for j in range(n):
-                if H[a, j] != 0.0:
-                    total += P[i, j] * H[a, j]
-            g[i] = total
-        for i in range(n):
-            s += H[a, i] * g[i]
-            innovation -= H[a, i] * x[i]
-        for i in range(n):
-            gain = g[i] / s
-            x[i] += gain * innovation
-            for j in range(i, n):
-                P[i, j] -= gain * g[j]
-                P[j, i] = P[i, j]
+    g = np.empty(x.size)
+    for a in range(H.shape[0]):
+        take(x, P, H[a], R[a], y[a], g)

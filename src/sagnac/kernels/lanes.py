@@ -16,6 +16,8 @@ import math
 import numba as nb
 import numpy as np
 
+from .strapdown import cross
+
 LANES = 16
 """Trajectories side by side: four registers to a row, and a filter of eleven states stays in the first cache."""
 STATE = 24
@@ -31,11 +33,6 @@ _GAP = 2.0  # next to a step that is this much longer nothing is known of how th
 _QUICK = {"contract"}  # a product and a sum may become one instruction
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _cross(a0, a1, a2, b0, b1, b2):  # type: ignore[no-untyped-def]
-    return a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-
-
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=_QUICK)
 def _series(first, one, second, two, keep, c, room):  # type: ignore[no-untyped-def]
     """Coefficients of the closed forms of velocity and attitude for the rotation vector of a group, of length a.
@@ -46,7 +43,7 @@ def _series(first, one, second, two, keep, c, room):  # type: ignore[no-untyped-
     for i in range(LANES):
         p0, p1, p2 = first[one + i], first[one + LANES + i], first[one + 2 * LANES + i]
         q0, q1, q2 = second[two + i], second[two + LANES + i], second[two + 2 * LANES + i]
-        c0, c1, c2 = _cross(p0, p1, p2, q0, q1, q2)
+        c0, c1, c2 = cross(p0, p1, p2, q0, q1, q2)
         a0, a1, a2 = keep * p0 + q0 + c * c0, keep * p1 + q1 + c * c1, keep * p2 + q2 + c * c2
         angle2 = a0 * a0 + a1 * a1 + a2 * a2
         room[i] = 0.5 - angle2 / 24.0 * (1.0 - angle2 / 30.0 * (1.0 - angle2 / 56.0 * (1.0 - angle2 / 90.0)))
@@ -91,22 +88,22 @@ def _group(state, first, one, second, two, keep, c, step, tied, constants, pushe
         q0, q1, q2 = first[one + 3 * LANES + i], first[one + 4 * LANES + i], first[one + 5 * LANES + i]
         a0, a1, a2 = second[two + i], second[two + LANES + i], second[two + 2 * LANES + i]
         u0, u1, u2 = second[two + 3 * LANES + i], second[two + 4 * LANES + i], second[two + 5 * LANES + i]
-        c0, c1, c2 = _cross(p0, p1, p2, a0, a1, a2)
-        s0, s1, s2 = _cross(p0, p1, p2, u0, u1, u2)
-        r0, r1, r2 = _cross(q0, q1, q2, a0, a1, a2)
+        c0, c1, c2 = cross(p0, p1, p2, a0, a1, a2)
+        s0, s1, s2 = cross(p0, p1, p2, u0, u1, u2)
+        r0, r1, r2 = cross(q0, q1, q2, a0, a1, a2)
         a0, a1, a2 = a0 + keep * p0 + c * c0, a1 + keep * p1 + c * c1, a2 + keep * p2 + c * c2
         u0, u1, u2 = u0 + keep * q0 + c * (s0 + r0), u1 + keep * q1 + c * (s1 + r1), u2 + keep * q2 + c * (s2 + r2)
 
         # velocity gained, in body axes at the start: u + b1 a x u + b2 a x (a x u)
         b1, b2 = room[i], room[LANES + i]
-        t0, t1, t2 = _cross(a0, a1, a2, u0, u1, u2)
-        r0, r1, r2 = _cross(a0, a1, a2, t0, t1, t2)
+        t0, t1, t2 = cross(a0, a1, a2, u0, u1, u2)
+        r0, r1, r2 = cross(a0, a1, a2, t0, t1, t2)
         u0, u1, u2 = u0 + b1 * t0 + b2 * r0, u1 + b1 * t1 + b2 * r1, u2 + b1 * t2 + b2 * r2
 
         # in w at the start: C u, from the quaternion
-        t0, t1, t2 = _cross(x, y, z, u0, u1, u2)
+        t0, t1, t2 = cross(x, y, z, u0, u1, u2)
         t0, t1, t2 = t0 + t0, t1 + t1, t2 + t2
-        r0, r1, r2 = _cross(x, y, z, t0, t1, t2)
+        r0, r1, r2 = cross(x, y, z, t0, t1, t2)
         u0, u1, u2 = u0 + w * t0 + r0, u1 + w * t1 + r1, u2 + w * t2 + r2
 
         # axis of the Earth in w and height, in the middle of the group, with the velocity at its start
@@ -135,7 +132,7 @@ def _group(state, first, one, second, two, keep, c, step, tied, constants, pushe
         # rates of the Earth and of w over it, with that velocity
         e0, e1, ez = earth_rate * l0, earth_rate * l1, earth_rate * l2
         w0, w1 = e0 - f1, e1 + f0
-        t0, t1, t2 = _cross(w0, w1, ez, u0, u1, u2)
+        t0, t1, t2 = cross(w0, w1, ez, u0, u1, u2)
         u0, u1, u2 = u0 - half * t0, u1 - half * t1, u2 - half * t2  # in w at half time
         pushed[i] += u0
         pushed[LANES + i] += u1
@@ -143,13 +140,13 @@ def _group(state, first, one, second, two, keep, c, step, tied, constants, pushe
         u2 -= gravity * step
 
         # velocity in the middle, and again the rate of w with it
-        t0, t1, t2 = _cross(e0 + w0, e1 + w1, ez + ez, v0, v1, v2)
+        t0, t1, t2 = cross(e0 + w0, e1 + w1, ez + ez, v0, v1, v2)
         h0, h1, h2 = v0 + 0.5 * (u0 - step * t0), v1 + 0.5 * (u1 - step * t1), v2 + 0.5 * (u2 - step * t2)
         h2 = v2 if tied else h2
         along = k2 * (l0 * h0 + l1 * h1)
         f0, f1 = k1 * h0 + along * l0, k1 * h1 + along * l1
         w0, w1 = e0 - f1, e1 + f0
-        t0, t1, t2 = _cross(e0 + w0, e1 + w1, ez + ez, h0, h1, h2)
+        t0, t1, t2 = cross(e0 + w0, e1 + w1, ez + ez, h0, h1, h2)
         v0, v1 = v0 + u0 - step * t0, v1 + u1 - step * t1
         fall = 0.0 if tied else u2 - step * t2
         height = aim if tied else height + step * (v2 + 0.5 * fall)
@@ -199,7 +196,7 @@ def _orthonormal(state):  # type: ignore[no-untyped-def]
         x0, x1, x2 = x0 - f * z0, x1 - f * z1, x2 - f * z2
         f = 1.0 / math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
         x0, x1, x2 = f * x0, f * x1, f * x2
-        y0, y1, y2 = _cross(z0, z1, z2, x0, x1, x2)
+        y0, y1, y2 = cross(z0, z1, z2, x0, x1, x2)
         state[7 * LANES + i], state[8 * LANES + i], state[9 * LANES + i] = x0, x1, x2
         state[10 * LANES + i], state[11 * LANES + i], state[12 * LANES + i] = y0, y1, y2
         state[13 * LANES + i], state[14 * LANES + i], state[15 * LANES + i] = z0, z1, z2

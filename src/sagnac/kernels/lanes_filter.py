@@ -173,21 +173,11 @@ def propagate(P, x, phi, noise, room):  # type: ignore[no-untyped-def]
         Overwritten.
     """
     _add_half(P, noise)
-    for j in range(STATES):
-        for i in range(LANES):
-            at = j * LANES + i
-            c0, c1, c2, c3 = P[at], P[at + _ROW], P[at + 2 * _ROW], P[at + 3 * _ROW]
-            c4, c5, c6, c7 = P[at + 4 * _ROW], P[at + 5 * _ROW], P[at + 6 * _ROW], P[at + 7 * _ROW]
-            c8, c9, c10 = P[at + 8 * _ROW], P[at + 9 * _ROW], P[at + 10 * _ROW]
-            room[at] = _eleven(phi, i, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
-            room[at + _ROW] = _eleven(phi, i + _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
-            room[at + 2 * _ROW] = _eleven(phi, i + 2 * _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
-            room[at + 3 * _ROW] = _eleven(phi, i + 3 * _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
-            room[at + 4 * _ROW] = _eleven(phi, i + 4 * _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
-            room[at + 5 * _ROW] = _eleven(phi, i + 5 * _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
+    for j in range(STATES):  # P is symmetric: its row is its column
+        _times(phi, P[j * _ROW : (j + 1) * _ROW], room[j * LANES :], _ROW)
     for j in range(MOVING):
         own = room[j * _ROW : (j + 1) * _ROW]
-        _times(phi, own, P[j * _ROW : (j + 1) * _ROW])
+        _times(phi, own, P[j * _ROW : (j + 1) * _ROW], LANES)
         for i in range(MOVING * LANES, _ROW):
             P[j * _ROW + i] = own[i]
     for r in range(MOVING):
@@ -197,22 +187,22 @@ def propagate(P, x, phi, noise, room):  # type: ignore[no-untyped-def]
     _add_half(P, noise)
     for i in range(_ROW):
         room[i] = x[i]
-    _times(phi, room, x)
+    _times(phi, room, x, LANES)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=_QUICK)
-def _times(phi, x, out):  # type: ignore[no-untyped-def]
-    """The upper rows of ``out = phi x``."""
+def _times(phi, x, out, apart):  # type: ignore[no-untyped-def]
+    """The upper rows of ``phi x``, so far apart in `out`."""
     for i in range(LANES):
         c0, c1, c2, c3 = x[i], x[i + LANES], x[i + 2 * LANES], x[i + 3 * LANES]
         c4, c5, c6, c7 = x[i + 4 * LANES], x[i + 5 * LANES], x[i + 6 * LANES], x[i + 7 * LANES]
         c8, c9, c10 = x[i + 8 * LANES], x[i + 9 * LANES], x[i + 10 * LANES]
         out[i] = _eleven(phi, i, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
-        out[i + LANES] = _eleven(phi, i + _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
-        out[i + 2 * LANES] = _eleven(phi, i + 2 * _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
-        out[i + 3 * LANES] = _eleven(phi, i + 3 * _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
-        out[i + 4 * LANES] = _eleven(phi, i + 4 * _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
-        out[i + 5 * LANES] = _eleven(phi, i + 5 * _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
+        out[i + apart] = _eleven(phi, i + _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
+        out[i + 2 * apart] = _eleven(phi, i + 2 * _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
+        out[i + 3 * apart] = _eleven(phi, i + 3 * _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
+        out[i + 4 * apart] = _eleven(phi, i + 4 * _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
+        out[i + 5 * apart] = _eleven(phi, i + 5 * _ROW, c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=_QUICK)

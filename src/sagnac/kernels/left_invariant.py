@@ -7,7 +7,9 @@ import math
 import numba as nb
 import numpy as np
 
-from .invariant import apply, arm_slopes, carry, exponential, logarithm, spread, times, times_t, turn_over
+from .invariant import apply, arm_slopes, carry, logarithm, spread, times, times_t, turn_over
+from .kalman import take
+from .rotation import exponential
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -30,25 +32,6 @@ def _flow(turn, push, slope, square):  # type: ignore[no-untyped-def]
             for j in range(3):
                 square[i, c] += slope[0, i, j] * square[6 + j, c]
                 square[3 + i, c] += slope[1, i, j] * square[6 + j, c] + slope[2, i, j] * square[9 + j, c]
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _update(row, value, variance, covariance, error, gain):  # type: ignore[no-untyped-def]
-    """Scalar update of an error that has not been fed back yet."""
-    n = error.size
-    total, left = variance, value
-    for i in range(n):
-        gain[i] = 0.0
-        for j in range(n):
-            gain[i] += covariance[i, j] * row[j]
-    for i in range(n):
-        total += row[i] * gain[i]
-        left -= row[i] * error[i]
-    for i in range(n):
-        error[i] += gain[i] * left / total
-        for j in range(i, n):
-            covariance[i, j] -= gain[i] * gain[j] / total
-            covariance[j, i] = covariance[i, j]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -93,7 +76,7 @@ def _take_velocity(  # type: ignore[no-untyped-def]
             value += axes[i, e] * left[i] + view[e, i] * offset[i]
         for i in range(3):
             row[at + i] -= slope[e, i]
-        _update(row, value, variances[e], covariance, error, gain)
+        take(error, covariance, row, variances[e], value, gain)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -149,7 +132,7 @@ def left_invariant(  # type: ignore[no-untyped-def]
             for i in range(3):
                 row[:] = 0.0
                 row[i], row[12 + i] = 1.0, -1.0
-                _update(row, seen[i], noise[3], covariance, error, gain)
+                take(error, covariance, row, noise[3], seen[i], gain)
         if k > 0:
             apply(m0.T, arm, body_arm)
             left_over = series[k - 1] - y

@@ -1,4 +1,4 @@
-"""Rotation between instants from gyro samples, with its analytic derivative to the gyro model."""
+"""Rotations from rotation vectors, and from gyro samples with the analytic derivative to the gyro model."""
 
 from __future__ import annotations
 
@@ -21,6 +21,22 @@ def _rodrigues(a0, a1, a2, c1, c2, out):  # type: ignore[no-untyped-def]
     out[2, 0] = c2 * a0 * a2 - c1 * a1
     out[2, 1] = c2 * a1 * a2 + c1 * a0
     out[2, 2] = d + c2 * a2 * a2
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def exponential(a0, a1, a2, turn, left):  # type: ignore[no-untyped-def]
+    """``turn = exp([a x])`` and its left Jacobian, the mean of the rotation on the way."""
+    t2 = a0 * a0 + a1 * a1 + a2 * a2
+    if t2 < 1e-6:
+        c1 = 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0)
+        c2 = 0.5 - t2 / 24.0 * (1.0 - t2 / 30.0)
+        c3 = 1.0 / 6.0 - t2 / 120.0 * (1.0 - t2 / 42.0)
+    else:
+        t = math.sqrt(t2)
+        c1, c2 = math.sin(t) / t, (1.0 - math.cos(t)) / t2
+        c3 = (1.0 - c1) / t2
+    _rodrigues(a0, a1, a2, c1, c2, turn)
+    _rodrigues(a0, a1, a2, c2, c3, left)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -71,18 +87,7 @@ def integrate(time, gyro, force, inverse, bias, g_matrix, first, last):  # type:
                     y[i] -= g_matrix[i, j] * f[j]
             for i in range(3):
                 w[i] = inverse[i, 0] * y[0] + inverse[i, 1] * y[1] + inverse[i, 2] * y[2]
-            a0, a1, a2 = w[0] * dt, w[1] * dt, w[2] * dt
-            t2 = a0 * a0 + a1 * a1 + a2 * a2
-            if t2 < 1e-6:
-                c1 = 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0)
-                c2 = 0.5 - t2 / 24.0 * (1.0 - t2 / 30.0)
-                c3 = 1.0 / 6.0 - t2 / 120.0 * (1.0 - t2 / 42.0)
-            else:
-                t = math.sqrt(t2)
-                c1, c2 = math.sin(t) / t, (1.0 - math.cos(t)) / t2
-                c3 = (1.0 - c1) / t2
-            _rodrigues(a0, a1, a2, c1, c2, turn)
-            _rodrigues(a0, a1, a2, c2, c3, left)
+            exponential(w[0] * dt, w[1] * dt, w[2] * dt, turn, left)
             for i in range(3):
                 for j in range(3):
                     new[i, j] = r[i, 0] * turn[0, j] + r[i, 1] * turn[1, j] + r[i, 2] * turn[2, j]

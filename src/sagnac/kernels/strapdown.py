@@ -26,7 +26,8 @@ _LIKE = 2.0  # a step this much longer than its neighbour is a gap: how the rate
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _cross(a0, a1, a2, b0, b1, b2):  # type: ignore[no-untyped-def]
+def cross(a0, a1, a2, b0, b1, b2):  # type: ignore[no-untyped-def]
+    """``a x b``."""
     return a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
 
 
@@ -41,9 +42,9 @@ def _pair(turns, pushes, steps, k):  # type: ignore[no-untyped-def]
     u0, u1, u2 = c * pushes[k, 0], c * pushes[k, 1], c * pushes[k, 2]
     b0, b1, b2 = turns[k + 1, 0], turns[k + 1, 1], turns[k + 1, 2]
     v0, v1, v2 = pushes[k + 1, 0], pushes[k + 1, 1], pushes[k + 1, 2]
-    c0, c1, c2 = _cross(a0, a1, a2, b0, b1, b2)
-    s0, s1, s2 = _cross(a0, a1, a2, v0, v1, v2)
-    r0, r1, r2 = _cross(u0, u1, u2, b0, b1, b2)
+    c0, c1, c2 = cross(a0, a1, a2, b0, b1, b2)
+    s0, s1, s2 = cross(a0, a1, a2, v0, v1, v2)
+    r0, r1, r2 = cross(u0, u1, u2, b0, b1, b2)
     return c0, c1, c2, s0 + r0, s1 + r1, s2 + r2
 
 
@@ -60,9 +61,9 @@ def _against(turns, pushes, k, w1, w2, w3, i):  # type: ignore[no-untyped-def]
     if w3 != 0.0:
         b0, b1, b2 = b0 + w3 * turns[k + 3, 0], b1 + w3 * turns[k + 3, 1], b2 + w3 * turns[k + 3, 2]
         v0, v1, v2 = v0 + w3 * pushes[k + 3, 0], v1 + w3 * pushes[k + 3, 1], v2 + w3 * pushes[k + 3, 2]
-    c0, c1, c2 = _cross(a0, a1, a2, b0, b1, b2)
-    s0, s1, s2 = _cross(a0, a1, a2, v0, v1, v2)
-    r0, r1, r2 = _cross(u0, u1, u2, b0, b1, b2)
+    c0, c1, c2 = cross(a0, a1, a2, b0, b1, b2)
+    s0, s1, s2 = cross(a0, a1, a2, v0, v1, v2)
+    r0, r1, r2 = cross(u0, u1, u2, b0, b1, b2)
     return c0, c1, c2, s0 + r0, s1 + r1, s2 + r2
 
 
@@ -113,7 +114,7 @@ def _orthonormal(state):  # type: ignore[no-untyped-def]
     f = 1.0 / math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
     x0, x1, x2 = f * x0, f * x1, f * x2
     state[7], state[8], state[9] = x0, x1, x2
-    state[10], state[11], state[12] = _cross(z0, z1, z2, x0, x1, x2)
+    state[10], state[11], state[12] = cross(z0, z1, z2, x0, x1, x2)
     state[13], state[14], state[15] = z0, z1, z2
 
 
@@ -261,14 +262,14 @@ def advance(  # type: ignore[no-untyped-def] # noqa: PLR0915 - one flat loop kee
         else:
             angle = math.sqrt(angle2)
             b1, b2 = (1.0 - math.cos(angle)) / angle2, (angle - math.sin(angle)) / (angle2 * angle)
-        t0, t1, t2 = _cross(a0, a1, a2, u0, u1, u2)
-        r0, r1, r2 = _cross(a0, a1, a2, t0, t1, t2)
+        t0, t1, t2 = cross(a0, a1, a2, u0, u1, u2)
+        r0, r1, r2 = cross(a0, a1, a2, t0, t1, t2)
         u0, u1, u2 = u0 + b1 * t0 + b2 * r0, u1 + b1 * t1 + b2 * r1, u2 + b1 * t2 + b2 * r2
 
         # in w at the start: C u, from the quaternion
-        t0, t1, t2 = _cross(x, y, z, u0, u1, u2)
+        t0, t1, t2 = cross(x, y, z, u0, u1, u2)
         t0, t1, t2 = t0 + t0, t1 + t1, t2 + t2
-        r0, r1, r2 = _cross(x, y, z, t0, t1, t2)
+        r0, r1, r2 = cross(x, y, z, t0, t1, t2)
         u0, u1, u2 = u0 + w * t0 + r0, u1 + w * t1 + r1, u2 + w * t2 + r2
 
         # axis of the Earth in w and height, in the middle of the group, with the velocity at its start
@@ -295,13 +296,13 @@ def advance(  # type: ignore[no-untyped-def] # noqa: PLR0915 - one flat loop kee
         e0, e1, ez = earth_rate * l0, earth_rate * l1, earth_rate * l2
         f2 = f0 * l2 / l1 if slaved else 0.0
         w0, w1, wz = e0 - f1, e1 + f0, ez + f2
-        t0, t1, t2 = _cross(w0, w1, wz, u0, u1, u2)
+        t0, t1, t2 = cross(w0, w1, wz, u0, u1, u2)
         u0, u1, u2 = u0 - half * t0, u1 - half * t1, u2 - half * t2  # in w at half time
         sum0, sum1, sum2 = sum0 + u0, sum1 + u1, sum2 + u2
         u2 -= gravity * step
 
         # velocity in the middle, and again the rate of w with it
-        t0, t1, t2 = _cross(e0 + w0, e1 + w1, ez + wz, v0, v1, v2)
+        t0, t1, t2 = cross(e0 + w0, e1 + w1, ez + wz, v0, v1, v2)
         h0, h1, h2 = v0 + 0.5 * (u0 - step * t0), v1 + 0.5 * (u1 - step * t1), v2 + 0.5 * (u2 - step * t2)
         if tied:
             h2 = v2
@@ -310,7 +311,7 @@ def advance(  # type: ignore[no-untyped-def] # noqa: PLR0915 - one flat loop kee
         f2 = f0 * l2 / l1 if slaved else 0.0
         w0, w1, wz = e0 - f1, e1 + f0, ez + f2
 
-        t0, t1, t2 = _cross(e0 + w0, e1 + w1, ez + wz, h0, h1, h2)
+        t0, t1, t2 = cross(e0 + w0, e1 + w1, ez + wz, h0, h1, h2)
         v0, v1 = v0 + u0 - step * t0, v1 + u1 - step * t1
         if given:
             height = heights[k - 1]
@@ -322,14 +323,14 @@ def advance(  # type: ignore[no-untyped-def] # noqa: PLR0915 - one flat loop kee
         # position: (I - [r x] + [r x]^2 / 2) C_e_w, r = w_ew step
         f0, f1, f2 = -step * f1, step * f0, step * f2
         largest = max(largest, abs(f2))
-        t0, t1, t2 = _cross(f0, f1, f2, m00, m10, m20)
-        r0, r1, r2 = _cross(f0, f1, f2, t0, t1, t2)
+        t0, t1, t2 = cross(f0, f1, f2, m00, m10, m20)
+        r0, r1, r2 = cross(f0, f1, f2, t0, t1, t2)
         m00, m10, m20 = m00 - t0 + 0.5 * r0, m10 - t1 + 0.5 * r1, m20 - t2 + 0.5 * r2
-        t0, t1, t2 = _cross(f0, f1, f2, m01, m11, m21)
-        r0, r1, r2 = _cross(f0, f1, f2, t0, t1, t2)
+        t0, t1, t2 = cross(f0, f1, f2, m01, m11, m21)
+        r0, r1, r2 = cross(f0, f1, f2, t0, t1, t2)
         m01, m11, m21 = m01 - t0 + 0.5 * r0, m11 - t1 + 0.5 * r1, m21 - t2 + 0.5 * r2
-        t0, t1, t2 = _cross(f0, f1, f2, m02, m12, m22)
-        r0, r1, r2 = _cross(f0, f1, f2, t0, t1, t2)
+        t0, t1, t2 = cross(f0, f1, f2, m02, m12, m22)
+        r0, r1, r2 = cross(f0, f1, f2, t0, t1, t2)
         m02, m12, m22 = m02 - t0 + 0.5 * r0, m12 - t1 + 0.5 * r1, m22 - t2 + 0.5 * r2
 
         # attitude: quaternion of the body's turn from the right, of the turn of w against i from the left

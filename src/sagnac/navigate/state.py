@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..frames import Array, attitude_matrix, heading_pitch_roll
+from ..frames import Array, attitude_matrix, heading_pitch_roll, transform
 from . import wander
 
 
@@ -75,7 +75,7 @@ class State:
     @property
     def velocity_enu(self) -> Array:
         """Velocity in east, north, up, shape (..., 3), m/s."""
-        return np.asarray(np.einsum("...ij,...j->...i", self.C_w_n, self.velocity))
+        return transform(self.C_w_n, self.velocity)
 
     @property
     def C_b_n(self) -> Array:

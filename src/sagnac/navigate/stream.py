@@ -81,7 +81,7 @@ class Stream:
         When a triad is missing, or raw counts have no scale.
     DataError
         While it runs: at a gap, unless it is to be bridged; when a gap is longer than ten seconds all the same; when there are no
-        samples between the times.
+        samples between the times, or they end before `stop`.
     """
 
     def __init__(
@@ -116,18 +116,24 @@ class Stream:
         seen, first, last = False, math.nan, math.nan
         for piece in self._filled(self._raw()):
             first = piece.begin if math.isnan(first) else first
-            last = float(piece.time[-1])
+            last, usual = float(piece.time[-1]), float(np.median(piece.steps))
             part = self._cut(piece)
             if part is not None:
                 seen = True
                 yield from _chopped(part)
             if last > self._between[1]:
                 break
+        low, high = self._between
         if not seen:
-            low, high = self._between
-            asked = "" if math.isinf(low) and math.isinf(high) else f" between {low:.9g} s and {high:.9g} s"
+            asked = f" between {low:.9g} s and {high:.9g} s"
+            if math.isinf(low) or math.isinf(high):
+                asked = f" from {low:.9g} s on" * math.isfinite(low) + f" up to {high:.9g} s" * math.isfinite(high)
             there = "fewer than two" if math.isnan(first) else f"they go from {first:.9g} s to {last:.9g} s"
             raise DataError(f"{self.recording.name}: no samples{asked}: {there}")
+        if math.isfinite(high) and high - last > GAP * usual:
+            raise DataError(
+                f"{self.recording.name}: the samples end at {last:.9g} s, before the {high:.9g} s that were asked for (--to)"
+            )
 
     def _cut(self, piece: Piece) -> Piece | None:
         """What of a piece lies between the times."""

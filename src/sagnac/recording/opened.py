@@ -93,6 +93,7 @@ def open_recording(
         _stream=stream,
         single=frozenset(a for s, axes in present.items() if s not in has for a in axes),
         rig=frozenset(RIG) & channels.keys(),
+        axes={a: (channels[a].column, channels[a].factor) for axes in present.values() for a in axes},
         _remarks=(table.remarks, faults),
     )
 

@@ -74,6 +74,8 @@ class Recording:
         refuse such a recording, see :meth:`need_whole`.
     rig : frozenset of str
         Names of the rig columns, see :class:`Batch`.
+    axes : mapping of str to (str, float)
+        Axis of a sensor (``gyro_x``) -> its column in the file, and what its numbers are multiplied by.
     """
 
     name: str
@@ -86,6 +88,7 @@ class Recording:
     _stream: Callable[[bool], Iterator[Batch]] = field(repr=False)
     single: frozenset[str] = frozenset()
     rig: frozenset[str] = frozenset()
+    axes: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     _remarks: tuple[Sequence[str], ...] = field(default=(), repr=False)
     _warmth: list[Array] = field(default_factory=list, repr=False)
 

@@ -12,7 +12,7 @@ from .. import earth
 from ..errors import InputError
 from ..frames import Array, rotation_matrix
 from ..navigate.trajectory import Trajectory
-from ..navigate.trajectory.carried import Flexure
+from ..navigate.trajectory.carried import MARKOV_2, Flexure
 from ..navigate.trajectory.course import Course
 from ..navigate.trajectory.legs import MARGIN
 from .engine import STREAMS
@@ -21,9 +21,6 @@ from .records import VehicleErrors
 from .scenario import Scenario
 
 _DEG = 180.0 / math.pi
-_MARKOV = 2.146
-"""Of a second-order Gauss-Markov process: its natural frequency times its correlation time (Gelb, *Applied Optimal Estimation*,
-1974, table 2.2-1)."""
 _KNOTS = 20
 """Of a flexure, in a correlation time."""
 
@@ -70,8 +67,7 @@ def vehicle_of(scenario: Scenario) -> Trajectory:
         When the course cannot be followed.
     """
     course, plan = course_of(scenario), scenario.plan
-    normal = earth.normal_gravity(course.latitude, course.height)
-    excess = 0.0 if plan.gravity is None else plan.gravity - normal
+    excess = earth.gravity_excess(plan.gravity, course.latitude, course.height)
     return Trajectory.of(course, earth_rate=plan.earth_rate, gravity_excess=excess)
 
 
@@ -110,7 +106,7 @@ def flexing(scenario: Scenario, rng: np.random.Generator, duration: float) -> Fl
     assert isinstance(given, VehicleErrors)
     if not any(given.flexure):
         return None
-    beta, step = _MARKOV / given.flexure_time, given.flexure_time / _KNOTS
+    beta, step = MARKOV_2 / given.flexure_time, given.flexure_time / _KNOTS
     knots = np.arange(-MARGIN, duration + MARGIN + step, step)
     # angle over sigma and rate over beta sigma: covariance I when steady, so that what a step adds is I - F F'
     F = expm(beta * step * np.array([[0.0, 1.0], [-1.0, -2.0]]))

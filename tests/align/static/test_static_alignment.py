@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,13 +11,15 @@ from swaying_case import DEGREE, HOUR, STILL, UG, Unit, Wave, phi_of, spoilt, to
 
 from sagnac.align import static
 from sagnac.align.result import loads
+from sagnac.align.static.checks import sound
 from sagnac.align.static.coarse import inertial
 from sagnac.align.static.fit import Data, look, loose, rows, settled, stated
 from sagnac.align.static.model import collect
 from sagnac.align.static.noise import found_noise
 from sagnac.errors import DataError, InputError
 from sagnac.frames import attitude_matrix
-from sagnac.recording import from_arrays, open_recording
+from sagnac.navigate.stream import Piece
+from sagnac.recording import from_arrays
 
 GYRO_NOISE, ACCEL_NOISE = 0.002 * DEGREE / 60, 10 * UG
 EPS, NAB = np.full(3, 0.01 * HOUR), np.full(3, 50 * UG)
@@ -398,6 +399,53 @@ def test_one_triad_alone_is_refused():
         static.align(from_arrays(np.arange(10.0), gyro=np.zeros((10, 3))), static.place_of(0.5, 0, 0))
 
 
+@pytest.mark.parametrize("meaning", ["mean", "instant"])
+@pytest.mark.parametrize(("sensor", "axis", "times"), [("gyro", 1, 1e3), ("accel", 0, 1e3), ("accel", 2, -1e3)])
+def test_an_absurd_sample_is_named(parked, sensor, axis, times, meaning):
+    unit, piece, _ = parked
+    batch = recording_of(piece).read()
+    samples = {"accel": batch.accel.copy(), "gyro": batch.gyro.copy()}
+    samples[sensor][1500, axis] = times * np.abs(samples[sensor]).max()
+    spoilt = from_arrays(batch.time, samples["accel"], samples["gyro"], name="spiky")
+    with pytest.raises(
+        DataError, match=rf"spiky: {sensor}_{'xyz'[axis]} reads -?[\d.e+]+ .* about (29|30)\.?\d* s, .*stands alone"
+    ):
+        static.align(spoilt, unit.place, meaning=meaning)
+    # it does not matter to an alignment before it
+    assert static.align(spoilt, unit.place, meaning=meaning, stop=29.5).time == 29.5
+
+
+@pytest.mark.parametrize("at", [0, 5, 30, 59])
+def test_a_spike_is_seen_wherever_pieces_end_and_the_start_of_a_turn_is_none(at):
+    rng = np.random.default_rng(5)
+    turns, pushes = 1e-6 * rng.normal(size=(60, 3)), 1e-3 * rng.normal(size=(60, 3))
+    spiky = turns.copy()
+    spiky[at, 2] += 2e-3
+    turning = turns.copy()
+    turning[at:, 2] += 2e-3  # from one sample to the next
+    time = 0.01 * np.arange(1.0, 61.0)
+    for size in (1, 4, 13, 31, 60):
+        cuts = [slice(a, min(a + size, 60)) for a in range(0, 60, size)]
+        steps = np.full(60, 0.01)
+        with pytest.raises(DataError, match=f"gyro_z reads .* about {time[at]:.9g} s"):
+            list(sound((Piece(0.0, time[c], steps[c], spiky[c], pushes[c]) for c in cuts), "log"))
+        if 10 < at < 50:
+            assert len(list(sound((Piece(0.0, time[c], steps[c], turning[c], pushes[c]) for c in cuts), "log"))) == len(
+                cuts
+            )
+
+
+def test_a_knock_that_rings_on_is_no_error_of_the_log(parked):
+    # 5 m/s^2 and 0.2 rad/s at 12 Hz that die away in a tenth of a second, at 50 samples a second
+    piece = parked[1]
+    since = np.arange(60) / 50
+    ring = (np.exp(-since / 0.1) * np.sin(2 * np.pi * 12 * since))[:, None]
+    struck = piece.turns.copy(), piece.pushes.copy()
+    struck[0][1500:1560] += 0.2 / 50 * ring
+    struck[1][1500:1560] += 5.0 / 50 * ring
+    list(sound([replace(piece, turns=struck[0], pushes=struck[1])], "struck"))
+
+
 def test_gap_is_refused(parked):
     unit, piece, _ = parked
     recording = recording_of(piece)
@@ -413,22 +461,13 @@ def test_gap_is_refused(parked):
 # ------------------------------------------------- the public laser-gyro log of a parked vehicle (PSINS data set)
 
 
-def public_recording():
-    shared = Path(os.environ.get("SAGNAC_DATA", Path(__file__).resolve().parents[4] / "shared" / "data"))
-    path = shared / "laser_gyro_parked.parquet"
-    if not path.exists():
-        pytest.skip("laser_gyro_parked.parquet is not at hand (set SAGNAC_DATA to its folder)")
-    # 0.1 arcsec and 1.2225e-3 m/s a pulse
-    return open_recording(path, scale={"gyro": "10 pulse/arcsec", "accel": f"{1 / 1.2225e-3!r} pulse/(m/s)"})
-
-
 def public_place():
     return static.place_of(34.246048 * DEGREE, 108.909664 * DEGREE, 380.0)
 
 
 @pytest.fixture(scope="module")
-def laser():
-    return static.align(public_recording(), public_place(), stop=300.0)
+def laser(parked_log):
+    return static.align(parked_log, public_place(), stop=300.0)
 
 
 def test_public_recording_agrees_with_three_other_alignments(laser):
@@ -447,19 +486,17 @@ def test_public_recording_shows_biases_of_a_good_unit(laser):
     assert np.degrees(laser["heading"].standard_uncertainty) * 60 == pytest.approx(2.9, abs=0.3)
 
 
-def test_public_recording_has_one_answer():
+def test_public_recording_has_one_answer(parked_log):
     """Halves of the time agree within what they say of themselves; biases and the vehicle's tilt are the same in both."""
-    parts = [
-        static.align(public_recording(), public_place(), start=a, stop=b) for a, b in ((0.0, 300.0), (150.0, 300.0))
-    ]
+    parts = [static.align(parked_log, public_place(), start=a, stop=b) for a, b in ((0.0, 300.0), (150.0, 300.0))]
     first, second = (np.array([p[n].value for n in ("heading", "pitch", "roll")]) for p in parts)
     assert np.abs(first - second)[0] < 2 * parts[1]["heading"].standard_uncertainty
     assert np.degrees(np.abs(first - second)[1:]).max() * 60 < 0.3
 
 
-def test_means_of_a_vehicle_with_people_in_it_show_no_north():
+def test_means_of_a_vehicle_with_people_in_it_show_no_north(parked_log):
     with pytest.raises(DataError, match="since the unit sways"):
-        static.align(public_recording(), public_place(), stop=300.0, method="gyrocompass")
+        static.align(parked_log, public_place(), stop=300.0, method="gyrocompass")
 
 
 def test_still_wave_is_still():

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...earth import STANDARD_GRAVITY
 from ...errors import DataError
-from ...frames import Array, cross, rot_z, rotation_matrix, skew
+from ...frames import Array, cross, rot_z, rotation_matrix, skew, transform
 from .timing import stretches
 from .windows import Apart, Intervals, apart, intervals
 
@@ -153,8 +153,8 @@ def _of_stretch(given: Intervals, found: Apart, part: slice, earth_rate: float) 
     first = np.swapaxes(earth[:-1], -1, -2) @ found.attitude[part] @ np.swapaxes(turned[:-1], -1, -2)
     left, _, right = np.linalg.svd(first.mean(axis=0))
     C = earth @ (left @ right) @ turned
-    gained = np.einsum("nij,nj->ni", C[:-1], found.gained[part])
-    moved = np.einsum("nij,nj->ni", found.attitude[part], found.gained[part]) - found.velocity[part]
+    gained = transform(C[:-1], found.gained[part])
+    moved = transform(found.attitude[part], found.gained[part]) - found.velocity[part]
     tilting = np.cumsum(skew(gained), axis=0)
     start = np.broadcast_to(np.eye(3), tilting.shape)
     biasing = np.cumsum(C[:-1] * given.steps[part, None, None], axis=0)

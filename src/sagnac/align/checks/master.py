@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from ...earth import ELLIPSOID, radii
 from ...errors import DataError
-from ...frames import Array, unit
+from ...frames import Array, transform, unit
 from ...navigate import wander
-from ...recording import GAP
 from ..master import Master
 
 _STRETCH = 10.0  # s over which the position is differenced
@@ -110,7 +109,7 @@ def _moves(master: Master) -> tuple[Array, Array, Array]:
             (meridian * (1.0 - ELLIPSOID[1] * np.sin(master.latitude) ** 2) + master.height) * np.sin(master.latitude),
         ]
     )
-    velocity = np.einsum("nij,nj->ni", C_n_e, master.velocity)
+    velocity = transform(C_n_e, master.velocity)
     by_velocity = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(master.time)[:, None]
     return np.diff(place, axis=0), by_velocity, unit(C_n_e[1:, :, 2] + C_n_e[:-1, :, 2])
 
@@ -132,7 +131,7 @@ def check(master: Master) -> list[str]:
     DataError
         With the time of a jump, or with the reading of the columns that would explain them.
     """
-    whole = ~_in_gaps(master)
+    whole = ~master.wide
     misfit, speed, vertical, climb = _misfits(master, whole)
     if max(speed, misfit) > _SLOW and misfit > _AGREE * max(speed, _SLOW):
         _refuse_position(master, whole, misfit, speed)
@@ -146,10 +145,6 @@ def check(master: Master) -> list[str]:
             f"{said}"
         )
     return [*_gap_remarks(master), *_jumps(master, whole)]
-
-
-def _in_gaps(master: Master) -> Flags:
-    return np.asarray(np.diff(master.time) > GAP * master.interval)
 
 
 def _gap_remarks(master: Master) -> list[str]:

@@ -144,7 +144,7 @@ def _lateness_told(late: Lateness | None, given: Intervals, found: Apart, master
     shown = abs(late.value) * float(np.sqrt((moved**2).sum(axis=1).mean()))
     rate = np.concatenate([_detrended(found.rate[s]) for s in stretches(given)])
     turned = abs(late.value) * float(np.sqrt((rate**2).sum(axis=1).mean()))
-    attitude = config.noise.attitude if config.matching == "velocity+attitude" else None
+    attitude = config.noise.attitude if config.matches_attitude else None
     delay = max(0.01, 2.0 * abs(late.value))
     remedy = f'write latency = "{total:.3f} s", or have it estimated with initial.delay = "{delay:.2g} s"'
     if shown > config.noise.velocity or (attitude is not None and turned > attitude):
@@ -184,7 +184,7 @@ def _jumps(given: Intervals, found: Apart, master: Master, config: Config, late:
             text = (
                 f"{master.name}: its {what} jumps by {size[i] * size_of:.3g} {unit} {at}, where the slave feels nothing"
             )
-            if what == "velocity" or config.matching == "velocity+attitude":
+            if what == "velocity" or config.matches_attitude:
                 raise DataError(f"{text}: it was reset, or its log was joined from two; align on one side of it")
             out.append(text)
     return out

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ...earth import normal_gravity
-from ...frames import Array, cross, rotation_matrix, rotation_vector
+from ...earth import gravity_excess, normal_gravity
+from ...frames import Array, cross, rotation_matrix, rotation_vector, transform
 from ...navigate import wander
-from ...recording import GAP
+from ..samples import running
 
 if TYPE_CHECKING:
     from ..config import Config
@@ -102,21 +102,12 @@ def intervals(slave: Slave, master: Master, latency: float) -> Intervals:
         Taken off the master's stamps.
     """
     stamps = master.time - latency
-    wide = slave.steps > GAP * np.median(slave.steps)
-    in_gaps = np.concatenate([[0.0], np.cumsum(np.where(wide, slave.steps, 0.0))])
+    in_gaps = np.concatenate([[0.0], np.cumsum(np.where(slave.wide, slave.steps, 0.0))])
     lost = np.diff(np.interp(stamps, slave.time, in_gaps)) > 1e-6
     inside = (stamps[:-1] >= slave.time[0] - 1e-9) & (stamps[1:] <= slave.time[-1] + 1e-9)
-    whole = np.diff(master.time) < GAP * master.interval
-    number = np.flatnonzero(inside & whole & ~lost)
-    turn, push = (_between(slave.time, v, stamps, number) for v in (slave.turns, slave.pushes))
+    number = np.flatnonzero(inside & ~master.wide & ~lost)
+    turn, push = (np.diff(running(slave.time, v, stamps), axis=0)[number] for v in (slave.turns, slave.pushes))
     return Intervals(number, stamps[number], np.diff(stamps)[number], turn, push)
-
-
-def _between(time: Array, increments: Array, stamps: Array, number: NDArray[np.int64]) -> Array:
-    """Sums of increments (n, 3) from stamp to stamp, for the intervals asked for."""
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(increments, axis=0)])
-    at = np.column_stack([np.interp(stamps, time, total[:, i]) for i in range(3)])
-    return np.asarray(at[number + 1] - at[number])
 
 
 def apart(slave: Slave, given: Intervals, master: Master, config: Config) -> Apart:
@@ -138,13 +129,11 @@ def apart(slave: Slave, given: Intervals, master: Master, config: Config) -> Apa
     turned = rotation_vector(R)
     end = given.start + given.steps
     reach = np.maximum(0.5 * np.minimum(given.steps, 0.1), float(np.median(slave.steps)))
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(slave.turns, axis=0)])
-    low, high = np.maximum(end - reach, slave.time[0]), np.minimum(end + reach, slave.time[-1])
-    rate = np.column_stack(
-        [(np.interp(high, slave.time, c) - np.interp(low, slave.time, c)) / (high - low) for c in total.T]
-    )
+    around = np.clip([end - reach, end + reach], slave.time[0], slave.time[-1])
+    before, after = (running(slave.time, slave.turns, t) for t in around)
+    rate = (after - before) / (around[1] - around[0])[:, None]
     to_earth = np.swapaxes(wander.direction_cosines(master.latitude, master.longitude), -1, -2)[given.number]
-    return Apart(to_earth @ C0, gained, turned, _apply(to_earth, _apply(C0, gained) - push), turned - turn, rate)
+    return Apart(to_earth @ C0, gained, turned, transform(to_earth, transform(C0, gained) - push), turned - turn, rate)
 
 
 def _carried(slave: Slave, given: Intervals) -> tuple[Array, Array]:
@@ -158,7 +147,7 @@ def _carried(slave: Slave, given: Intervals) -> tuple[Array, Array]:
         inside = np.minimum(stop, time[at + 1]) - np.maximum(given.start, time[at])
         share = np.where(first + j <= last, inside / slave.steps[at], 0.0)[:, None]
         turn, push = share * slave.turns[at], share * slave.pushes[at]
-        gained += _apply(R, push + 0.5 * cross(turn, push))
+        gained += transform(R, push + 0.5 * cross(turn, push))
         R = R @ rotation_matrix(turn)
     return R, gained
 
@@ -182,7 +171,7 @@ def predicted(master: Master, number: NDArray[np.int64], config: Config) -> tupl
     """
     C0, C1, push, ground = _moved(master, number, config)
     to_body = 0.5 * np.swapaxes(C0 + C1, -1, -2)
-    return _apply(to_body, push), rotation_vector(np.swapaxes(C0, -1, -2) @ C1) + _apply(to_body, ground)
+    return transform(to_body, push), rotation_vector(np.swapaxes(C0, -1, -2) @ C1) + transform(to_body, ground)
 
 
 def _moved(master: Master, number: NDArray[np.int64], config: Config) -> tuple[Array, Array, Array, Array]:
@@ -199,25 +188,15 @@ def _moved(master: Master, number: NDArray[np.int64], config: Config) -> tuple[A
     steps = np.diff(master.time)[number, None]
     C_e_n = wander.direction_cosines(master.latitude, master.longitude)
     to_first = C_e_n[number] @ np.swapaxes(C_e_n[number + 1], -1, -2)
-    v0, v1 = master.velocity[number], _apply(to_first, master.velocity[number + 1])
+    v0, v1 = master.velocity[number], transform(to_first, master.velocity[number + 1])
     ground = config.earth_rate * steps * C_e_n[number, :, 2]
     up = 0.5 * (np.array([0.0, 0.0, 1.0]) + to_first[:, :, 2])
-    push = v1 - v0 + cross(ground, v0 + v1) + steps * _gravity(master, config)[number, None] * up
+    gravity = normal_gravity(master.latitude, master.height)
+    gravity += gravity_excess(config.gravity, master.latitude[0], master.height[0])
+    push = v1 - v0 + cross(ground, v0 + v1) + steps * gravity[number, None] * up
     # while the Earth turns on, what is felt is compared in the axes of the beginning
     push += 0.5 * cross(ground, push)
     return master.attitude[number], to_first @ master.attitude[number + 1], push, ground
-
-
-def _gravity(master: Master, config: Config) -> Array:
-    """At each of the master's samples, m/s^2; it changes so slowly that some of them are enough."""
-    some = np.unique(np.linspace(0, master.time.size - 1, 300).astype(np.int64))
-    value = np.array([normal_gravity(float(master.latitude[i]), float(master.height[i])) for i in some])
-    excess = 0.0 if config.gravity is None else config.gravity - value[0]
-    return np.asarray(np.interp(np.arange(master.time.size), some, value) + excess)
-
-
-def _apply(matrices: Array, vectors: Array) -> Array:
-    return np.asarray(np.einsum("nij,nj->ni", matrices, vectors))
 
 
 def windows(given: Intervals, push: Array, turn: Array, span: float) -> Windows:

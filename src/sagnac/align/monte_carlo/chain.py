@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...earth import ELLIPSOID, normal_gravity
+from ...earth import ELLIPSOID, gravity_excess
 from ...errors import InputError
-from ...frames import Array, rot_z, rotation_matrix, rotation_vector
+from ...frames import Array, rot_z, rotation_matrix, rotation_vector, transform
 from ...navigate.many import pack_many
 from ...navigate.state import State
 from ...navigate.strapdown import unpack
@@ -132,7 +132,7 @@ class Chain:
                 f"update_interval {config.update_interval:g} s is no whole number of samples at {frequency:g} Hz: "
                 "change either"
             )
-        excess = 0.0 if config.gravity is None else config.gravity - normal_gravity(course.latitude, course.height)
+        excess = gravity_excess(config.gravity, course.latitude, course.height)
         trajectory = Trajectory.of(course, earth_rate=config.earth_rate, gravity_excess=excess)
         states = model.layout_of(config)
         n = states.block("mounting").start
@@ -150,7 +150,7 @@ class Chain:
             states.units[:n],
             frequency,
             count,
-            model.prior(config, states, at_start, float(start.height))[:n, :n],
+            model.prior(config, states, at_start, float(start.height))[1][:n, :n],
             driving,
             config.noise.velocity**2,
             np.array([*first.misalignment, *[first.velocity] * 2, *first.gyro_bias, *first.accel_bias, wander]),
@@ -287,7 +287,7 @@ class Chain:
         here, there = (own.C_w_n, truth.C_w_n) if geographic else (np.eye(3), np.eye(3))
         C = there @ truth.C_b_w @ np.concatenate([g.to_master for g in groups])
         errors = np.zeros((C.shape[0], _SLOT.size))
-        velocity = np.einsum("...ij,...j->...i", here, own.velocity) - there @ truth.velocity
+        velocity = transform(here, own.velocity) - there @ truth.velocity
         errors[:, :2] = velocity[:, :2]
         errors[:, 2:5] = -rotation_vector(here @ own.C_b_w @ np.swapaxes(C, 1, 2))
         errors[:, 5:10] = _columns([g.biases for g in groups])[:, :5]

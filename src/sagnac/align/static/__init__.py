@@ -23,8 +23,7 @@ from ...navigate.strapdown import Meaning
 from ...navigate.stream import Stream
 from ...recording import Recording
 from ..result import Alignment
-from . import checks as checks
-from . import report as report
+from . import checks, report
 from .coarse import inertial
 from .fit import Data, Place, look, loose, rows, settled, stated
 from .model import Blocks, collect, joined
@@ -124,7 +123,7 @@ def align(
             )
     checks.refuse_poor_gyros(place, eps, recording.name)
     stream = Stream(recording, meaning=meaning, start=start, stop=stop)
-    blocks = collect(stream)
+    blocks = collect(checks.sound(stream, recording.name))
     _refuse_early(blocks, place, eps, nab, upside_down, recording.name)
     remarks = report.opening(gyro_bias is None, accel_bias is None)
     if method == "gyrocompass":

@@ -6,13 +6,14 @@ What is refused here is named; a wrong attitude with a small uncertainty would b
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from itertools import permutations, product
 
 import numpy as np
 
 from ...errors import DataError
 from ...frames import Array, cross, rotation_vector
+from ...navigate.stream import Piece
 from .coarse import inertial
 from .fit import Data, Look, Place, look
 from .model import Blocks, read_otherwise
@@ -23,6 +24,11 @@ _NEAR = 0.2  # share by which a ratio may miss that of two units
 _SPEED, _REACH = 0.5, 5.0  # m/s and m: what nobody calls standing or moored
 _EXPLAINED = 0.3  # share of the changes that turns must explain to say anything
 _PARTS = 6
+_TURN, _PUSH, _ALONE = 1e-4, 0.05, 100.0
+"""An increment of more than this, rad and m/s, that is so many times all around it, is an error of the log."""
+_RING = 13
+_AROUND = np.abs(np.arange(-_RING, _RING + 1)) > 3
+"""Which samples are around one; those next to it share in it where samples are integrated."""
 _QUIET, _LITTLE, _WORSE = 0.02, 0.1, 3.0
 """Displacement that is nothing to wonder at, m; that another reading of the axes may leave, m; and how many times less."""
 _HEADING = math.radians(5.0)
@@ -45,6 +51,54 @@ _RATE_UNITS = (
     (60.0, "pulses of arcseconds labelled arcminutes"),
 )
 """Readings that are larger than they should be by this factor, and how that comes about."""
+
+
+def sound(pieces: Iterable[Piece], name: str) -> Iterator[Piece]:
+    """The same increments, without any that stands alone far above all around it.
+
+    A knock on a vehicle rings on for more than a few samples; what does not is an error of the log.
+
+    Raises
+    ------
+    DataError
+        With sensor, time and size.
+    """
+    table = np.empty((0, 8))
+    for piece in pieces:
+        first = max(0, len(table) - _RING)  # those before have been looked at
+        table = np.vstack([table, np.column_stack([piece.time, piece.steps, piece.turns, piece.pushes])])
+        _refuse_lone(table, first, len(table) - _RING, name)
+        table = table[-2 * _RING :]
+        yield piece
+    _refuse_lone(table, max(0, len(table) - _RING), len(table), name)
+
+
+def _refuse_lone(table: Array, first: int, last: int, name: str) -> None:
+    """Refuse a lone sample among those from `first` to before `last` in a table of time, step, turn and push, (n, 8)."""
+    from scipy.ndimage import maximum_filter
+
+    if last <= first:
+        return
+    for sensor, columns, least, unit, scale in (
+        ("gyro", slice(2, 5), _TURN, "deg/s", 180.0 / math.pi),
+        ("accel", slice(5, 8), _PUSH, "m/s^2", 1.0),
+    ):
+        sums = table[:, columns]
+        off = np.abs(sums - np.median(sums, axis=0))
+        size = off.max(axis=1)
+        if size[first:last].max() < least:
+            continue
+        around = maximum_filter(size, footprint=_AROUND, mode="constant")
+        around = np.maximum(around, max(np.median(size), least / _ALONE))
+        i = first + int(np.argmax((size / around)[first:last]))
+        if size[i] > _ALONE * around[i]:
+            axis = int(np.argmax(off[i]))
+            reads = f"{scale * sums[i, axis] / table[i, 1]:.4g} {unit} about {table[i, 0]:.9g} s"
+            raise DataError(
+                f"{name}: {sensor}_{_AXES[axis]} reads {reads}, {size[i] / around[i]:.2g} times what is around it, in a sample "
+                "that stands alone: an error of the log, not of the unit. Mend it, or take the part before or after it "
+                "(--from, --to)"
+            )
 
 
 def refuse_strange_force(blocks: Blocks, place: Place, accel_bias: Array, name: str) -> None:

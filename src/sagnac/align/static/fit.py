@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...earth import earth_rate_enu
 from ...frames import Array, rotation_matrix, skew
 from .model import Blocks, to_enu_of_inertial, upward
 from .noise import End, Kernels, Noise, at_the_end, covariances, kernels, whiten, whitener
@@ -51,7 +52,7 @@ class Place:
     @property
     def rate(self) -> Array:
         """Earth rate in east, north, up, shape (3,), rad/s."""
-        return np.array([0.0, np.cos(self.latitude), np.sin(self.latitude)]) * self.earth_rate
+        return earth_rate_enu(self.latitude, self.earth_rate)
 
 
 @dataclass(frozen=True)

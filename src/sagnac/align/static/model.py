@@ -23,7 +23,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ...errors import DataError
-from ...frames import Array, cross, rotation_matrix, rotation_vector, skew
+from ...frames import Array, cross, rotation_matrix, rotation_vector, skew, transform
 from ...kernels.attitude import compose
 from ...navigate.stream import Piece
 
@@ -104,7 +104,7 @@ class _Sums:
         """Take in the next increments."""
         h, turns, pushes = piece.steps, piece.turns, piece.pushes
         begin, end = self._attitudes(turns)
-        pushed = _running(self.speed, np.einsum("nij,nj->ni", begin, self._unrotated(turns, pushes)))
+        pushed = _running(self.speed, transform(begin, self._unrotated(turns, pushes)))
         gained = np.diff(pushed, axis=0)
         A = _running(self.turned, 0.5 * h[:, None, None] * (begin + end))
         G = _running(self.speed_gyro, skew(gained) @ _middle(A))
@@ -120,7 +120,7 @@ class _Sums:
             "place": h[:, None] * _middle(P),
             "gyro": h[:, None, None] * _middle(H),
             "accel": h[:, None, None] * _middle(B),
-            "rate": np.einsum("nij,nj->ni", begin, turns),
+            "rate": transform(begin, turns),
             "body_force": pushes,
             "body_rate": turns,
             "length": h,

@@ -13,7 +13,7 @@ from ...files import sha256
 from ...frames import Array, heading_pitch_roll, rotation_matrix
 from ...recording import Recording
 from ...results import Software, Source, covariance_rows, now
-from ..result import Alignment, Moment, NotObserved, Observed, Value, values_of
+from ..result import Alignment, Moment, NotObserved, Observed, Value, columns_of, values_of
 from . import checks
 from .coarse import gyrocompass, inertial
 from .fit import Data, Place, Solution, settled, stated
@@ -74,6 +74,7 @@ def of_means(
         place=_place(place, np.zeros(3), np.zeros(3)),
         remarks=tuple(remarks),
         source=_source(recording, blocks),
+        columns=columns_of(recording),
         software=Software(version=__version__),
         created=now(),
     )
@@ -106,6 +107,7 @@ def of_fit(
         course=_course(blocks, place, found, prior),
         remarks=(*remarks, *_floor_remarks(found, place, sigmas)),
         source=_source(recording, blocks),
+        columns=columns_of(recording),
         software=Software(version=__version__),
         created=now(),
     )

@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...earth import EARTH_RATE, ELLIPSOID, normal_gravity
+from ...earth import EARTH_RATE, gravity_by_sine, normal_gravity
 from ...errors import InputError
-from ...frames import Array, attitude_matrix, cross
+from ...frames import Array, attitude_matrix, cross, transform
 from ..state import State
 from .body import Body, angles
 from .carried import RIGID, Carried, Flexure, beside, swung
@@ -157,8 +157,8 @@ class Trajectory:
         if self.unit.aside:
             arm = self.unit.lever_arm
             turned, height = beside(C_e_w, height, C_b_w @ arm)
-            swing = np.einsum("nij,nj->ni", C_b_w, cross(self._over_earth(t, track)[1], arm))
-            velocity = np.einsum("nij,nj->ni", turned, velocity + swing)
+            swing = transform(C_b_w, cross(self._over_earth(t, track)[1], arm))
+            velocity = transform(turned, velocity + swing)
             C_e_w, C_b_w = turned @ C_e_w, turned @ C_b_w
         if self.unit.turned:
             C_b_w = C_b_w @ self.unit.attitude(t)
@@ -324,8 +324,8 @@ class Trajectory:
             force += swung(unit.lever_arm, earth, rate, self._slope(time))
         rate = rate + earth
         if unit.turned:
-            C = unit.attitude(time)
-            force, rate = (np.einsum("nji,nj->ni", C, v) for v in (force, rate + unit.rate(time)))
+            to_unit = np.swapaxes(unit.attitude(time), -1, -2)
+            force, rate = transform(to_unit, force), transform(to_unit, rate + unit.rate(time))
         return force, rate
 
     def rate_over_earth(self, time: Array) -> Array:
@@ -334,10 +334,7 @@ class Trajectory:
 
     def _weight(self, sine: Array, height: Array) -> Array:
         """Gravity, (n,), m/s^2, of the sine of the latitude and the height."""
-        a, e2, equator, k, p, q = ELLIPSOID
-        s2, up = sine * sine, height / a
-        surface = equator * (1.0 + k * s2) / np.sqrt(1.0 - e2 * s2)
-        return np.asarray(surface * (1.0 - (p - q * s2) * up + 3.0 * up * up) + self.gravity_excess)
+        return gravity_by_sine(sine, height) + self.gravity_excess
 
     def _slope(self, time: Array) -> Array:
         """Derivative of the body's rate over the Earth, in b, (n, 3), by a complex step, which costs no digits."""

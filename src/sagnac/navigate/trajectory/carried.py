@@ -8,10 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...earth import ELLIPSOID
-from ...frames import Array, cross, left_jacobian, rotation_matrix
+from ...frames import Array, cross, left_jacobian, rotation_matrix, transform
 from .. import wander
 
 _ROUNDS = 3  # Newton's steps for a point beside a known one: from 1 km, 0.1 m, then 1e-6 m, then rounding
+MARKOV_2 = 2.146
+"""Of a second-order Gauss-Markov process, such as a flexure: its rate is this over the correlation time (Gelb, *Applied Optimal
+Estimation*, 1974, table 2.2-1)."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ class Carried:
         if self.flexure is None:
             return 0.0
         angle, rate = self.flexure.angle(time)
-        return np.asarray(np.einsum("nij,nj->ni", left_jacobian(angle), rate))
+        return transform(left_jacobian(angle), rate)
 
 
 RIGID = Carried()
@@ -101,7 +104,7 @@ def beside(C_e_w: Array, height: Array, offset: Array) -> tuple[Array, Array]:
     for _ in range(_ROUNDS):
         cosines = turned @ C_e_w
         axis = cosines[:, :, 2]
-        missing = np.einsum("nij,nj->ni", turned, there) - _centre(axis, above)
+        missing = transform(turned, there) - _centre(axis, above)
         k1, k2 = wander.curvature(cosines, above)
         along = k2 * (axis[:, 0] * missing[:, 0] + axis[:, 1] * missing[:, 1])
         x, y = k1 * missing[:, 0] + along * axis[:, 0], k1 * missing[:, 1] + along * axis[:, 1]

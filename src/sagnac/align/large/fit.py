@@ -1,6 +1,6 @@
 """Transfer alignment as one problem of least squares, for mountings of any size: start values and solution.
 
-The problem is that of :mod:`sagnac.align.large_model`. Residuals are whitened for the noise that gathers in the slave's run
+The problem is that of :mod:`sagnac.align.large.model`. Residuals are whitened for the noise that gathers in the slave's run
 (:func:`sagnac.kernels.invariant.normal_equations`), and the maximum of the posterior is found by Gauss-Newton and Newton steps.
 """
 
@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..frames import Array, left_jacobian, rotation_matrix, rotation_vector, wahba
-from .large_model import Problem
+from ...frames import Array, left_jacobian, rotation_matrix, rotation_vector, wahba
+from .model import Problem
 
 _LONGEST_STEP = 1.0
 """rad: the longest step of an iteration."""
@@ -87,7 +87,7 @@ def by_vectors(problem: Problem) -> Point:
     the master's velocity is in the way. With attitudes, rotations over a quarter of the time are vectors as well, the same
     ones in both axes.
     """
-    from ..kernels.invariant import intervals
+    from ...kernels.invariant import intervals
 
     zero = np.zeros(3)
     turn, push, _ = intervals(problem.turns, problem.pushes, problem.steps, problem.last, zero, zero)
@@ -116,8 +116,8 @@ def _turned(attitude: Array, lag: int) -> Array:
 
 def by_filter(problem: Problem) -> Point:
     """End of a left-invariant filter that starts with no mounting, carried back to the start."""
-    from ..kernels.invariant import intervals
-    from ..kernels.left_invariant import left_invariant
+    from ...kernels.invariant import intervals
+    from ...kernels.left_invariant import left_invariant
 
     zero, point = np.zeros(3), centre(problem)
     pieces = intervals(problem.turns, problem.pushes, problem.steps, problem.last, zero, zero)
@@ -190,7 +190,7 @@ def _scaled(function: Callable[..., Array], normal: Array, *slope: Array) -> Arr
 
 
 def _evaluate(problem: Problem, point: Point) -> _State:
-    from ..kernels.invariant import intervals, normal_equations
+    from ...kernels.invariant import intervals, normal_equations
 
     p = problem
     pieces = intervals(p.turns, p.pushes, p.steps, p.last, point.gyro, point.accel)

@@ -13,25 +13,26 @@ N from east, north, up to i (the velocity form of Wu & Pan 2013, IEEE TAES 49, 1
 ``y = y^ + R^ zeta`` errors propagate by ``xi' = -w x xi - eps, zeta' = -w x zeta - f x xi - nab``, which knows the readings and
 not the estimate (Barrau & Bonnabel 2017, IEEE TAC 62, 1797: the left-invariant error of a group-affine system). The one
 nonlinear thing left is the rotation at the start, so that the whole recording is one problem in it, in the velocity at the
-start and in the biases: :mod:`sagnac.align.large_fit`.
+start and in the biases: :mod:`sagnac.align.large.fit`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..earth import normal_gravity
-from ..frames import Array, cross
-from ..navigate import wander
+from ...earth import gravity_excess, normal_gravity
+from ...frames import Array, cross, transform
+from ...navigate import wander
+from ..samples import running
 
 if TYPE_CHECKING:
-    from .config import Config
-    from .master import Master
-    from .samples import Slave
+    from ..config import Config
+    from ..master import Master
+    from ..samples import Slave
 
 _LOOSE = 1.0
 """m/s: noise given to the master's vertical velocity where the alignment does not match it: it only tells up from down."""
@@ -98,14 +99,6 @@ class Problem:
         """Readings; a vertical velocity that is hardly weighed is none."""
         return self.last.size * (3 if self.vertical else 2) + 3 * len(self.attitudes)
 
-    def until(self, count: int) -> Problem:
-        """The same with the first `count` samples of the master."""
-        n = int(self.last[count - 1])
-        first = {k: getattr(self, k)[:n] for k in ("turns", "pushes", "steps")}
-        first |= {k: getattr(self, k)[:count] for k in ("last", "gathered", "series", "axes", "gains")}
-        first |= {k: getattr(self, k)[: count + 1] for k in ("time", "rates", "attitudes")}
-        return replace(self, **first)
-
 
 def prepare(config: Config, slave: Slave, master: Master, chosen: NDArray[np.intp]) -> Problem:
     """The problem of a slave and its master.
@@ -132,7 +125,7 @@ def prepare(config: Config, slave: Slave, master: Master, chosen: NDArray[np.int
     C_m_n = master.attitude[chosen]
     arm, flexure = np.array(config.lever_arm), _largest(config.flexure.sigma if config.flexure else None)
     attitude = np.hypot(noise.attitude or 0.0, flexure)
-    matched = config.matching == "velocity+attitude"
+    matched = config.matches_attitude
     # with velocities alone the mounting stands for the slave's attitude against what the master said at the start
     mounting = np.array(first.misalignment) if matched else np.hypot(first.misalignment, attitude)
     reach = first.lever_arm or (0.0, 0.0, 0.0)
@@ -197,19 +190,13 @@ def _cut(slave: Slave, time: Array) -> tuple[Array, Array, Array, NDArray[np.int
     pushes[1:] += share[:, None] * (cross(a, g) + cross(f, b))
     edges = np.concatenate([slave.time, time])
     edges = np.unique(edges[(edges >= time[0]) & (edges <= time[-1])])
-    sums = [_running(slave.time, v, edges) for v in (turns, pushes)]
+    sums = [running(slave.time, v, edges) for v in (turns, pushes)]
     half = max(float(np.median(steps)), min(0.05, 0.5 * float(np.median(np.diff(time)))))
     around = np.clip([time - half, time + half], slave.time[0], slave.time[-1])
-    turned = _running(slave.time, slave.turns, around.ravel()).reshape(2, -1, 3)
+    turned = running(slave.time, slave.turns, around.ravel()).reshape(2, -1, 3)
     rates = (turned[1] - turned[0]) / (around[1] - around[0])[:, None]
     last = np.searchsorted(edges, time[1:]).astype(np.int64)
     return np.diff(sums[0], axis=0), np.diff(sums[1], axis=0), np.diff(edges), last, rates
-
-
-def _running(time: Array, increments: Array, at: Array) -> Array:
-    """Sum of increments up to given times, shape (k, 3); within a sample by its share."""
-    total = np.vstack([np.zeros(3), np.cumsum(increments, axis=0)])
-    return np.stack([np.interp(at, time, total[:, i]) for i in range(3)], axis=-1)
 
 
 def _inertial(config: Config, master: Master, part: slice) -> tuple[Array, Array, Array]:
@@ -218,10 +205,8 @@ def _inertial(config: Config, master: Master, part: slice) -> tuple[Array, Array
     lat, v = master.latitude[part], master.velocity[part]
     C_e_n = wander.direction_cosines(lat, master.longitude[part] + config.earth_rate * (time - time[0]))
     N = C_e_n[0] @ np.swapaxes(C_e_n, -1, -2)
-    places = np.array([normal_gravity(float(a), float(h)) for a, h in zip(lat, height, strict=True)])
-    gravity = places + (config.gravity - places[0] if config.gravity is not None else 0.0)
     own = cross(config.earth_rate * C_e_n[:, :, 2], v)
-    own[:, 2] += gravity
-    pulled = np.einsum("kij,kj->ki", N, own)
+    own[:, 2] += normal_gravity(lat, height) + gravity_excess(config.gravity, lat[0], height[0])
+    pulled = transform(N, own)
     gained = np.vstack([np.zeros(3), np.cumsum(0.5 * np.diff(time)[:, None] * (pulled[1:] + pulled[:-1]), axis=0)])
-    return N, np.einsum("kij,kj->ki", N, v) + gained, config.earth_rate * C_e_n[0, :, 2]
+    return N, transform(N, v) + gained, config.earth_rate * C_e_n[0, :, 2]

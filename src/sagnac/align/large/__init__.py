@@ -1,8 +1,8 @@
 """The start of a transfer alignment whose mounting may be tens of degrees: where the linear filter can begin.
 
 The filter of :mod:`sagnac.align.run` is linear in the error of the slave's attitude and good for a few degrees of it.
-:func:`start` takes the first seconds of both systems as one problem (:mod:`sagnac.align.large_model`), which is exact for any
-angle, and solves it down to the maximum of the posterior (:mod:`sagnac.align.large_fit`) from several start values: a
+:func:`start` takes the first seconds of both systems as one problem (:mod:`sagnac.align.large.model`), which is exact for any
+angle, and solves it down to the maximum of the posterior (:mod:`sagnac.align.large.fit`) from several start values: a
 left-invariant filter that starts with no mounting, the closed form of Wahba's problem, and that one turned about the vertical by
 half a turn. The filter then runs over the whole recording from its beginning, linearised about the mounting found.
 """
@@ -14,18 +14,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
-from ..frames import Array, left_jacobian, rot_z, rotation_vector
-from . import large_fit
-from .large_fit import Fit
-from .large_model import Problem, prepare
-from .samples import Slave
+from ...frames import Array, rot_z, rotation_vector
+from ..samples import Slave, chosen
+from .fit import Fit, by_filter, by_vectors, descend
+from .model import Problem, prepare
 
 if TYPE_CHECKING:
-    from .config import Config
-    from .master import Master
+    from ..config import Config
+    from ..master import Master
 
 TARGET = np.radians(0.5)
 """One sigma of the mounting that is good enough for the linear filter: three of it are 1.5 degrees."""
@@ -53,7 +50,7 @@ class Start:
         Slave to master coordinates. The master's attitude at the start times this is the slave's.
     covariance : ndarray, shape (3, 3), rad^2
         Of the rotation that is left, in the slave's axes: ``C_s_m true = C_s_m exp([xi x])``. For information: the filter
-        uses the same readings again, see :func:`equivalent_prior`.
+        uses the same readings again, see :func:`start`.
     used : float, s
         Of both systems, from the start.
     converged : bool
@@ -96,8 +93,9 @@ def start(config: Config, slave: Slave, master: Master, *, target: float = TARGE
 
     The caller runs its filter over the whole recording from the same sample of the master on, linearised about this mounting,
     and gives it *not* this covariance but the configuration's prior, which is centred at no mounting, as
-    :func:`equivalent_prior` writes it around the new point: every reading then counts once, and the filter ends where it would
-    have ended had it been started close to the truth. Where `close` is false a linear filter is not to be trusted from here.
+    :func:`sagnac.align.model.prior` writes it around the new point: every reading then counts once, and the filter ends where
+    it would have ended had it been started close to the truth. Where `close` is false a linear filter is not to be trusted from
+    here.
 
     Parameters
     ----------
@@ -122,8 +120,8 @@ def start(config: Config, slave: Slave, master: Master, *, target: float = TARGE
     DataError
         When a gap in the slave's samples within the time needed is too long to bridge.
     """
-    chosen = _chosen(config, slave, master, longest)
-    stamps = master.time[chosen] - config.latency
+    matched = chosen(config, slave, master, longest)
+    stamps = master.time[matched] - config.latency
     slave = _within(slave, float(stamps[0]), float(stamps[-1]))
     span = float(stamps[-1] - stamps[0])
     for time in _horizons(span):
@@ -132,8 +130,8 @@ def start(config: Config, slave: Slave, master: Master, *, target: float = TARGE
         if count < 3 and not last:
             continue
         reach = _within(slave, float(stamps[0]), float(stamps[count]))
-        problem = prepare(config, reach, master, chosen[: count + 1])
-        if not last and _largest(large_fit.descend(problem, large_fit.by_vectors(problem)).covariance) > target:
+        problem = prepare(config, reach, master, matched[: count + 1])
+        if not last and _largest(descend(problem, by_vectors(problem)).covariance) > target:
             continue
         fits = minima(problem)
         if _largest(fits[0].covariance) <= target and _sound(problem, fits):
@@ -148,33 +146,8 @@ def start(config: Config, slave: Slave, master: Master, *, target: float = TARGE
         misfit(problem, best),
         best.point.gyro,
         best.point.accel,
-        tuple(_notes(problem, fits, target, master.velocity[chosen[: problem.time.size]])),
+        tuple(_notes(problem, fits, target, master.velocity[matched[: problem.time.size]])),
     )
-
-
-def equivalent_prior(C_s_m: Array, sigma: ArrayLike) -> tuple[Array, Array]:
-    """What the prior of a mounting says about the rotation that is left after another one has been taken out.
-
-    The prior is on the rotation vector mu of the whole mounting, ``N(0, sigma^2)``. With ``exp(mu) = C_s_m exp(xi)`` it is to
-    first order in xi ``mu = m + Jr(m)^-1 xi``, m the rotation vector of `C_s_m`, and therefore xi has mean ``-m``
-    (``Jr(m) m = m``) and covariance ``Jr sigma^2 Jr'``. This is the prior at the point that the filter ends near. Its mean is
-    large and must stay in the filter's state until the readings have moved it; fed back at once it would undo the start.
-
-    Parameters
-    ----------
-    C_s_m : ndarray, shape (3, 3)
-    sigma : array_like, shape (3,), rad
-        Of the configuration.
-
-    Returns
-    -------
-    mean : ndarray, shape (3,), rad
-    covariance : ndarray, shape (3, 3), rad^2
-        In the slave's axes.
-    """
-    vector = rotation_vector(C_s_m)
-    right = left_jacobian(vector).T
-    return -vector, np.asarray(right @ np.diag(np.asarray(sigma, dtype=float) ** 2) @ right.T)
 
 
 def minima(problem: Problem) -> list[Fit]:
@@ -184,15 +157,15 @@ def minima(problem: Problem) -> list[Fit]:
     ----------
     problem : Problem
     """
-    vectors = large_fit.by_vectors(problem)
+    vectors = by_vectors(problem)
     turned = rot_z(np.pi) @ vectors.attitude
     mounting = problem.master.T @ turned
     starts = [
-        large_fit.by_filter(problem),
+        by_filter(problem),
         vectors,
         vectors._replace(attitude=turned, mounting=mounting),
     ]
-    fits = [large_fit.descend(problem, point) for point in starts]
+    fits = [descend(problem, point) for point in starts]
     least = min(fit.cost for fit in fits)
     return _different(fit for fit in fits if fit.cost < least + _HOPELESS)
 
@@ -234,27 +207,6 @@ def _largest(covariance: Array) -> float:
 def _horizons(span: float) -> list[float]:
     count = max(0, int(np.ceil(np.log2(span / SHORTEST)))) if span > SHORTEST else 0
     return [SHORTEST * 2.0**i for i in range(count)] + [span]
-
-
-def _chosen(config: Config, slave: Slave, master: Master, longest: float) -> NDArray[np.intp]:
-    """The master's samples: the first one within the slave's time, and then those to match."""
-    stamps = master.time - config.latency
-    inside = np.flatnonzero((stamps >= slave.time[0] - 1e-9) & (stamps <= slave.time[-1] + 1e-9))
-    if master.attitude is None:
-        raise InputError(
-            f"{master.name}: heading, pitch and roll are missing; the mounting stands against the master's attitude"
-        )
-    if inside.size < 2:
-        raise InputError(
-            f"{master.name} and {slave.name} have {inside.size} samples of the master in common, between "
-            f"{slave.time[0]:g} and {slave.time[-1]:g} s of the slave: are they of the same run and clock?"
-        )
-    inside = inside[stamps[inside] <= stamps[inside[0]] + longest + 1e-9]
-    out = [inside[0]]
-    for k in inside[1:]:
-        if stamps[k] - stamps[out[-1]] > config.update_interval - 0.5 * master.interval - 1e-9:
-            out.append(k)
-    return np.array(out)
 
 
 def _within(slave: Slave, first: float, last: float) -> Slave:
