@@ -68,7 +68,7 @@ def test_jacobian_equals_central_differences():
     angles = multi_position.common.need_angles(means, "")
     first = multi_position.first_solutions(("accel", "gyro"), means, plan, site, angles, [])
     first = [multi_position._displaced(f, means, plan, site, angles) for f in first]
-    weight = multi_position._whitening(first, means)
+    weight = multi_position._whitening(*multi_position._errors(first, means))
     for kind in (multi_position._Full, multi_position._Triangular):
         problem = kind(first, weight, 9.8, 0.17)
         x = np.array([p.start for p in problem.parameters()])

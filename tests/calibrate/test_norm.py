@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sagnac.calibrate import multi_position, norm
-from sagnac.calibrate.norm import Case, Start, _model
+from sagnac.calibrate.norm.case import Case, Start, model_of
 from sagnac.demo import PUBLISHED_NORM, published_norm
 from sagnac.errors import DataError, InputError
 from sagnac.observe.means import SegmentMeans
@@ -128,7 +128,7 @@ def test_jacobian_equals_finite_differences():
     means = simulate_readings(CLEAN, plan, perfect(plan), rng)
     case = Case.of(means, plan)
     start = Start(case)
-    model, _ = _model(case, start)
+    model, _ = model_of(case, start)
     x = np.concatenate([start.accel[1], start.gyro[1], [0.02, -0.03, 0.01], [1e-5, -2e-5], [1e-6, 2e-6]])
     # noise-free data: the residual at the truth is zero, where Gauss-Newton's derivative is exact
     truth = CLEAN.truth()

@@ -15,7 +15,6 @@ import numpy as np
 
 from ..calibration import Calibration, Scatter, named
 from ..errors import DataError
-from ..estimate import Estimate
 from ..frames import Array
 from ..observe.means import SegmentMeans, segment_means
 from ..observe.saturation import refuse_saturated_motion
@@ -23,8 +22,9 @@ from ..observe.static import THRESHOLD, StaticIntervals, static_intervals
 from ..plan import Plan, Segment
 from ..recording import GAP, SENSORS, Batch, Recording, from_arrays, sample_interval
 from ..sensors import Triad
-from . import common, norm
+from . import budget, common, norm
 from .hand_gyros import GyroFit, calibrate_gyros
+from .norm.report import block_diagonal
 
 GRAVITY_SPREAD = 0.015
 """m/s^2, standard deviation of gravity over the Earth's surface (9.780 to 9.832, uniform): used when no site is given."""
@@ -79,16 +79,16 @@ def calibrate(
     remarks.append("all accelerometer gains are taken as positive: an upward axis at rest must read more than its bias")
     if site.gravity_uncertainty >= GRAVITY_SPREAD:
         remarks.append("no site given: standard gravity assumed, its spread over the Earth is in the scale factors")
-    accel, gyro = solution.fit, None
+    gyro = None
     if batch.gyro is not None:
         up_rate = plan.earth_rate * np.sin(plan.latitude) if plan.latitude is not None else 0.0
-        gyro = calibrate_gyros(batch, found, means, accel, triad, "gyro" in recording.counts, up_rate)
+        gyro = calibrate_gyros(batch, found, means, solution.fit, triad, "gyro" in recording.counts, up_rate)
         remarks += gyro.remarks
         if plan.latitude is None:
             remarks.append("no latitude given: the gyros' g-sensitivity contains the vertical Earth rate per g")
     remarks += _gaps(batch)
     reported = plan if given else plan.model_copy(update={"gravity": None})
-    return _report(recording, means, reported, plan.site_gravity, accel, triad, gyro, remarks)
+    return _report(recording, means, reported, plan.site_gravity, solution, triad, gyro, remarks)
 
 
 def _refuse_dead(name: str, batch: Batch) -> None:
@@ -147,13 +147,14 @@ def _report(
     means: SegmentMeans,
     plan: Plan,
     gravity: float,
-    accel: Estimate,
+    solution: norm.Solution,
     triad: Triad,
     gyro: GyroFit | None,
     remarks: list[str],
 ) -> Calibration:
-    k = len(triad.names)
+    accel, k = solution.fit, len(triad.names)
     names, units = list(triad.names), list(triad.units)
+    sources = budget.lines(solution.budget(), accel, range(k), behind=0 if gyro is None else len(gyro.triad.names))
     value, covariance = accel.value[:k], accel.covariance[:k, :k]
     parts = [(accel, list(range(k)))]
     norm_rms = _norm_residual(means, triad, value, gravity)
@@ -162,9 +163,11 @@ def _report(
         names += gyro.triad.names
         units += gyro.triad.units
         value = np.concatenate([value, gyro.fit.value])
-        covariance = norm.block_diagonal(covariance, gyro.fit.covariance)
+        covariance = block_diagonal(covariance, gyro.fit.covariance)
         covariance[k:, :k], covariance[:k, k:] = gyro.cross[:, :k], gyro.cross[:, :k].T
         parts.append((gyro.fit, list(range(len(gyro.triad.names)))))
+        rotations = budget.lines({budget.NOISE: gyro.fit.white}, gyro.fit, range(len(gyro.fit.names)), before=k)
+        sources = budget.joined(sources, rotations)
         residuals["rotation"] = Scatter(rms=float(np.degrees(gyro.angle_rms)), unit="deg", count=gyro.rotations)
         unit = "count" if gyro.triad.counts else "rad/s"
         residuals["gyro at rest"] = Scatter(rms=gyro.static_rms, unit=unit, count=3 * len(means.count))
@@ -177,6 +180,7 @@ def _report(
         gravity=gravity,
         recording=recording,
         means=means,
+        budget=sources,
         remarks=remarks,
     )
 

@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 
 from ..calibration import Calibration, Scatter, named
 from ..errors import DataError
-from ..estimate import Estimate, Parameter, Rows, estimate
+from ..estimate import Effects, Estimate, Parameter, Rows, estimate
 from ..frames import Array
 from ..observe.means import SegmentMeans
 from ..plan import Plan
 from ..recording import Recording
 from ..rigs.turntable import Site, mean_inputs
 from ..sensors import Triad
-from . import common, explain, mount, sanity, table_noise
+from . import budget, common, explain, mount, sanity, table_noise
 
 
 def calibrate_means(
@@ -78,13 +78,15 @@ def calibrate_means(
     first = [
         _displaced(f, means, plan, site, angles) for f in first_solutions(sensors, means, plan, site, angles, remarks)
     ]
-    weight = _whitening(first, means)
+    noise, shared = _errors(first, means)
+    weight = _whitening(noise, shared)
     model = _Triangular if matrix == "triangular" and "accel" in sensors else _Full
     problem = model(first, weight, site.gravity, float(np.abs(rates).max()))
     known = all(f.known for f in first)
     fit = estimate(problem.parameters(), problem.rows, means.names, noise_known=known, robust=robust)
     remarks += common.misfit_remarks(fit, known and not robust)
-    return _report(fit, means, plan, site, recording, remarks)
+    sources = budget.of_fit(fit, problem.rows, [_effects(weight, noise, shared)])
+    return _report(fit, sources, means, plan, site, recording, remarks)
 
 
 @dataclass(frozen=True)
@@ -231,15 +233,27 @@ def _displaced(first: FirstSolution, means: SegmentMeans, plan: Plan, site: Site
     return replace(first, inputs=first.inputs + displacement, effects=effects)
 
 
-def _whitening(sensors: Sequence[FirstSolution], means: SegmentMeans) -> Array:
-    """Inverse square root of the covariance of all rows that count, all sensors together."""
+def _errors(sensors: Sequence[FirstSolution], means: SegmentMeans) -> tuple[Array, Array]:
+    """Noise of all rows that count, all sensors together, (r,), and what the table's errors of one sigma do to them, (r, c)."""
     white, columns = [], []
     for s in sensors:
         keep = np.repeat(s.used, 3)
         white.append(means.variance(s.kind, s.density).ravel()[keep])
         columns.append((s.matrix @ s.effects).reshape(keep.size, -1)[keep])
-    shared = np.vstack(columns)
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(np.diag(np.concatenate(white)) + shared @ shared.T)))
+    return np.sqrt(np.concatenate(white)), np.vstack(columns)
+
+
+def _whitening(noise: Array, shared: Array) -> Array:
+    """Inverse square root of the covariance of all rows."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(np.diag(noise**2) + shared @ shared.T)))
+
+
+def _effects(weight: Array, noise: Array, shared: Array) -> Effects:
+    """How noise and the table's errors move the whitened rows."""
+    matrix = weight @ np.hstack([np.diag(noise), shared])
+    settings = shared.shape[1] - len(table_noise.AXES_AND_SITE)
+    sources = [*[budget.NOISE] * noise.size, *[budget.SETTINGS] * settings, *table_noise.AXES_AND_SITE]
+    return Effects(np.arange(noise.size)[None], matrix[None], sources)
 
 
 class _Full:
@@ -329,6 +343,7 @@ class _Stack:
 
 def _report(
     fit: Estimate,
+    sources: dict[str, Array],
     means: SegmentMeans,
     plan: Plan,
     site: Site,
@@ -350,5 +365,6 @@ def _report(
         gravity=site.gravity,
         recording=recording,
         means=means,
+        budget=budget.lines(sources, fit, order),
         remarks=remarks,
     )

@@ -16,7 +16,8 @@ from ..observe.means import SegmentMeans
 from ..plan import Plan
 from ..recording import Recording
 from ..sensors import Triad
-from . import common, explain, mount, multi_position, norm
+from . import budget, common, explain, mount, multi_position
+from .norm.case import Case, Start
 from .table_model import RIG, TableModel
 
 _FEWEST = 8  # segments of which one can be missed
@@ -141,10 +142,10 @@ def _suspect(model: TableModel, parameters: list[Parameter], means: SegmentMeans
     return f". Without segment {means.segments[at].name!r} all the others fit: check its angles, rate and times"
 
 
-def _free_of_settings(means: SegmentMeans, plan: Plan) -> norm.Start | None:
+def _free_of_settings(means: SegmentMeans, plan: Plan) -> Start | None:
     """Start values that settings off by many degrees do not spoil; None where the positions give none."""
     try:
-        return norm.Start(norm.Case.of(means, plan))
+        return Start(Case.of(means, plan))
     except (DataError, InputError):
         return None
 
@@ -198,5 +199,6 @@ def _report(
         gravity=model.site.gravity,
         recording=recording,
         means=means,
+        budget=budget.lines(budget.of_fit(fit, model.rows, model.effects(fit.value)), fit, order),
         remarks=remarks,
     )

@@ -21,11 +21,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimate import Rows, eliminate
+from ..estimate import Effects, Rows, eliminate
 from ..frames import Array
 from ..rigs.turntable import Letters, MeanInputs, Site, TableErrors, mean_inputs
 from ..sensors import Triad
 from . import mount
+from .budget import NOISE, SETTINGS
 
 RIG = (
     "rig.tilt.x",
@@ -210,3 +211,13 @@ class TableModel:
             r, to_x = eliminate(r, to_x, to_setting)
         index: NDArray[np.intp] = np.repeat(np.arange(len(r)), r.shape[1])
         return Rows(r.ravel(), to_x.reshape(-1, x.size), index)
+
+    def effects(self, x: Array) -> list[Effects]:
+        """How noise and settings move the rows."""
+        r, to_setting, _ = self.whitened(x, self.settings(x), full=False)
+        n, m = r.shape
+        sources = [NOISE] * (3 * len(self.triads)) + [SETTINGS] * (m - 3 * len(self.triads))
+        matrix = np.broadcast_to(np.eye(m), (n, m, m))
+        if self.setting_sigma > 0:
+            matrix = eliminate(r, matrix, to_setting)[1]
+        return [Effects(np.arange(matrix.shape[0] * matrix.shape[1]).reshape(matrix.shape[:2]), matrix, sources)]

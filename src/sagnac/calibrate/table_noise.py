@@ -12,8 +12,11 @@ from ..frames import Array
 from ..observe.means import SegmentMeans
 from ..plan import Plan
 from ..rigs.turntable import Site, mean_inputs
+from .budget import AXES, GRAVITY, RATE
 from .common import left_of, rates_of
 
+AXES_AND_SITE = (*[AXES] * 7, RATE, GRAVITY)
+"""Lines of the budget that the last columns of :func:`effects` belong to."""
 _WIDE = 1e-4  # rad, for second differences of the rig's model: error 1e-8
 
 

@@ -14,6 +14,7 @@ solving for them (Golub & Pereyra 1973, variable projection).
 
 from __future__ import annotations
 
+from .budget import SCATTER, Effects, contributions, scatter
 from .problem import Estimate, Influence, Model, Parameter, Rows, eliminate
 from .solve import estimate, settle
 from .uncertainty import CONSISTENT
@@ -21,14 +22,18 @@ from .unseen import combination, null_space
 
 __all__ = [
     "CONSISTENT",
+    "SCATTER",
+    "Effects",
     "Estimate",
     "Influence",
     "Model",
     "Parameter",
     "Rows",
     "combination",
+    "contributions",
     "eliminate",
     "estimate",
     "null_space",
+    "scatter",
     "settle",
 ]

@@ -177,7 +177,7 @@ def canonical(calibration: Calibration) -> Canonical:
 def best_diagonal(forward: Array) -> Array:
     """Gain of each axis that leaves the least rms error over inputs of all directions.
 
-    The error of axis i is (s_i S_i - e_i) u with S_i row i of the instrument's matrix, smallest for s_i = S_ii / |S_i|^2.
+    The error of axis i is ``(s_i S_i - e_i) u`` with S_i row i of the instrument's matrix, smallest for ``s_i = S_ii / |S_i|^2``.
 
     Parameters
     ----------

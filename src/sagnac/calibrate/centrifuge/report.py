@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...calibration import BudgetLine, Calibration, Scatter, named
-from ...estimate import eliminate
+from ...estimate import Effects, contributions, eliminate
 from ...frames import Array
 from ...plan import Plan
 from ...recording import Recording
-from .. import common
+from .. import budget, common
 from .model import with_setting_prior
 from .task import Fitted, Task
 
@@ -106,59 +106,34 @@ def _leftover(fitted: Fitted) -> tuple[dict[int, Array], dict[str, Scatter]]:
 
 def _budget(fitted: Fitted, order: Sequence[int]) -> tuple[BudgetLine, ...]:
     """Standard uncertainties of the parameters by what they come from."""
+    found = fitted.estimate
+    named = contributions(found, fitted.model.rows, _effects(fitted), lambda name: SOURCES.get(name, budget.HELD))
+    return budget.lines(named, found, order)
+
+
+def _effects(fitted: Fitted) -> Iterator[Effects]:
+    """How noise, gimbal settings and a prior calibration move the rows."""
     model, found = fitted.model, fitted.estimate
-    white = (
-        -found.gain * np.sqrt(found.weights)[found.segment]
-    )  # a segment that was turned down brings less of its noise
-    lines: dict[str, Array] = {}
-
-    def add(source: str, sigma: Array) -> None:
-        lines[source] = np.hypot(lines.get(source, 0.0), sigma)
-
     for group in model.groups:
-        _, jac, d = model.whitened(group, found.value, np.zeros((len(group.index), 3)))
-        here = _rows_of(found.segment, group.index)
-        gain = white[:, here].reshape(len(white), len(group.index), -1)
+        local = model.locals(group, found.value) if model.setting_sigma > 0 else np.zeros((len(group.index), 3))
+        r, jac, d = model.whitened(group, found.value, local)
+        rows = _rows_of(found.segment, group.index).reshape(len(group.index), -1)
         width = jac.shape[1]
+        matrix = np.broadcast_to(np.eye(width), (len(r), width, width))
+        sources = [budget.NOISE] * width
         if model.setting_sigma > 0:
-            local = model.locals(group, found.value)
-            r, _, d = model.whitened(group, found.value, local)
             r, d = with_setting_prior(r, d, local, model.setting_sigma)
-            _, complement = eliminate(r, np.broadcast_to(np.eye(width + 3), (len(r), width + 3, width + 3)), d)
-            gain = np.einsum("kne,nem->knm", gain, complement)
-            add("gimbal settings", np.sqrt(np.sum(gain[..., width:] ** 2, axis=(1, 2))))
-        add("noise", np.sqrt(np.sum(gain[..., :width] ** 2, axis=(1, 2))))
+            _, matrix = eliminate(r, np.broadcast_to(np.eye(width + 3), (len(r), width + 3, width + 3)), d)
+            sources += ["gimbal settings"] * 3
+        yield Effects(rows, matrix, sources)
     if model.prior is not None:
-        here = _rows_of(found.segment, np.array([len(model.settings)]))
-        add("prior calibration", np.sqrt(np.sum(white[:, here] ** 2, axis=1)))
-    inner = _white_covariance(fitted)
-    for i, p in enumerate(found.parameters):
-        if np.isfinite(p.prior_sigma):
-            add(SOURCES.get(p.name, "held parameters"), np.abs(inner[:, i]) / p.prior_sigma)
-    extra = np.maximum(np.diag(found.covariance) - found.white**2, 0.0)
-    if found.used != "white" and np.any(extra > 0):
-        lines["scatter beyond noise and stated uncertainty"] = np.sqrt(extra)
-    return tuple(
-        BudgetLine(source=source, standard_uncertainty=tuple(float(v) for v in sigma[list(order)]))
-        for source, sigma in lines.items()
-    )
+        rows = _rows_of(found.segment, np.array([len(model.settings)]))
+        yield Effects(rows[None], np.eye(rows.size)[None], ["prior calibration"] * rows.size)
 
 
 def _rows_of(segment: NDArray[np.intp], index: NDArray[np.intp]) -> NDArray[np.intp]:
     """Rows of some segments, segment by segment."""
     return np.concatenate([np.flatnonzero(segment == i) for i in index])
-
-
-def _white_covariance(fitted: Fitted) -> Array:
-    """Covariance from noise and priors alone."""
-    from ...estimate.problem import stacked
-
-    found = fitted.estimate
-    _, jac = stacked(found.parameters, fitted.model.rows(found.value), found.value)
-    scale = np.array([p.scale for p in found.parameters])
-    _, values, right = np.linalg.svd(jac * scale, full_matrices=False)
-    half = right.T / values * scale[:, None]
-    return np.asarray(half @ half.T)
 
 
 def _pulled(fitted: Fitted) -> list[str]:

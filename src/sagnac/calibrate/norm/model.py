@@ -26,9 +26,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimate import Rows, eliminate
-from ..frames import Array, cross, tangents, unit
-from ..sensors import Triad
+from ...estimate import Effects, Rows, eliminate
+from ...frames import Array, cross, tangents, unit
+from ...sensors import Triad
+from ..budget import NOISE, SETTINGS
 
 NO_AZIMUTH = 1.8  # rad: standard deviation of an angle of which nothing is known
 
@@ -241,6 +242,20 @@ class NormModel:
             jacobians.append(jac.reshape(-1, x.size))
             index.append(np.repeat(group.index, r.shape[1]))
         return Rows(np.concatenate(residuals), np.vstack(jacobians), np.concatenate(index).astype(np.intp))
+
+    def effects(self, x: Array) -> list[Effects]:
+        """How noise and settings move the rows."""
+        out, at = [], 0
+        for group in self.groups:
+            r, d_local, _ = self.whitened(group, x, self.locals(group, x), full=False)
+            n, m = r.shape
+            _, matrix = eliminate(r, np.broadcast_to(np.eye(m), (n, m, m)), d_local)
+            sources = [NOISE] * m
+            if group.twist_sigma is not None and np.all(group.twist_sigma < NO_AZIMUTH):
+                sources[-1] = SETTINGS
+            out.append(Effects(at + np.arange(n * matrix.shape[1]).reshape(n, -1), matrix, sources))
+            at += n * matrix.shape[1]
+        return out
 
 
 def across(v: Array, a: Array) -> Array:
