@@ -306,7 +306,7 @@ def test_summary_tells_the_result():
         "chi-square 3.5 for 4 degrees of freedom, probability 0.48",
         "residual static norm: 1.5e-05 m/s^2 rms over 12",
         "most influence: segment 's4' moves accel.bias.x by 0.7 standard uncertainties",
-        "noise: accel.bias.x 0.20 mg",
+        "share of the variance [%]        (1)\n  accel.bias.x                     100\n  gyro.bias.x                        -\n  (1) noise",
         "note: a gap",
     ):
         assert part in text

@@ -307,17 +307,22 @@ def _strongest(cal: Calibration) -> list[str]:
 
 
 def _budget_lines(cal: Calibration) -> list[str]:
+    """One row a parameter, one column a source: its share of the variance."""
     if not cal.budget:
         return []
-    lines = ["", "  uncertainty budget (standard uncertainties)"]
-    for line in cal.budget:
-        parts = []
-        for p, s in zip(cal.parameters, line.standard_uncertainty, strict=True):
-            if s > 1e-4 * p.standard_uncertainty:
-                _, sigma, unit = printed(0.0, s, p.unit)
-                parts.append(f"{p.name} {sigma} {unit}")
-        lines.append(f"    {line.source}: " + (", ".join(parts) if parts else "none"))
-    return lines
+    columns = "".join(f"{f'({k})':>8}" for k in range(1, len(cal.budget) + 1))
+    lines = ["", f"  {'share of the variance [%]':<28}{columns}"]
+    for i, p in enumerate(cal.parameters):
+        if p.standard_uncertainty > 0:
+            shares = [line.standard_uncertainty[i] / p.standard_uncertainty for line in cal.budget]
+            lines.append(f"  {p.name:<28}" + "".join(f"{_percent(100 * s * s):>8}" for s in shares))
+    return [*lines, *(f"  ({k}) {line.source}" for k, line in enumerate(cal.budget, 1))]
+
+
+def _percent(share: float) -> str:
+    if share == 0:
+        return "-"
+    return f"{share:.0f}" if share >= 1 else "<1"
 
 
 def _remark_lines(cal: Calibration) -> list[str]:

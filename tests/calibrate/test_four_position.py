@@ -116,15 +116,15 @@ def test_budget_has_every_term_and_adds_up():
     found = four_position.calibrate_means(simulated(plan), plan)
     lines = {line.source: np.array(line.standard_uncertainty) for line in found.budget}
     assert set(lines) == {
-        "noise of the means", "table angles", "g-squared sensitivity", "quadratic coefficient K2", "drift during the turn-over",
+        "noise", "settings of the table", "g-squared sensitivity", "quadratic coefficient K2", "drift during the turn-over",
     }  # fmt: skip
     total = np.sqrt(sum(v**2 for v in lines.values()))
     stated = np.array([p.standard_uncertainty for p in found.parameters])
     assert np.allclose(total, stated, rtol=1e-6)
     # 1 arcmin x 15 deg/h before averaging over four positions (section 1 of the methods: 0.0044 deg/h)
     perpendicular = np.sqrt(1 - np.array([0.5 * np.cos(np.radians(40)) ** 2] * 2 + [np.sin(np.radians(40)) ** 2]))
-    assert np.allclose(lines["table angles"][:3], np.pi / 10800 * 7.292115e-5 * perpendicular / 2, rtol=0.02)
-    assert np.allclose(lines["noise of the means"][:3], 2.9e-7 / np.sqrt(50) / 2, rtol=0.02)
+    assert np.allclose(lines["settings of the table"][:3], np.pi / 10800 * 7.292115e-5 * perpendicular / 2, rtol=0.02)
+    assert np.allclose(lines["noise"][:3], 2.9e-7 / np.sqrt(50) / 2, rtol=0.02)
     assert lines["drift during the turn-over"][0] == pytest.approx(0.005 * DEG_H / np.sqrt(12))
 
 

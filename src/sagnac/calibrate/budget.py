@@ -15,7 +15,7 @@ SETTINGS = "settings of the table"
 AXES = "axes of the table"
 RATE = "rate of the table"
 GRAVITY = "gravity"
-HELD = "held parameters"
+HELD = "known beforehand"
 _PRIORS = {
     "rig.tilt": AXES,
     "rig.nonperpendicularity": AXES,

@@ -262,7 +262,8 @@ def result(
         if span is None and means is not None:
             span = means.span
         start, stop = span if span is not None else (None, None)
-        source = (Source(file=recording.name, sha256=digest, start=start, stop=stop),)
+        which, chosen = recording.format, recording.select
+        source = (Source(file=recording.name, format=which, select=chosen, sha256=digest, start=start, stop=stop),)
     return Calibration(
         method=method,
         unit=record.UnitName(

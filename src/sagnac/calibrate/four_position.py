@@ -32,6 +32,7 @@ from ..plan import Plan, Segment
 from ..recording import Recording
 from ..rigs.turntable import Letters, attitude
 from . import common, sanity
+from .budget import NOISE, SETTINGS
 
 _CANCELS = 1e-4
 """Largest mean input, relative to gravity and to the Earth rate, of a set that counts as cancelling (20 arcsec)."""
@@ -203,9 +204,9 @@ def _budget(
     # change of the biases for a change of each reading: gain of the whitened residual times the whitening
     gain = np.einsum("pni,nij->pnj", fit.gain[:3].reshape(3, n, 3), weight)
     budget = _Budget()
-    budget.add("noise of the means", np.sqrt(np.einsum("pni,ni->p", gain**2, white)))
-    budget.add("table angles", np.sqrt(np.maximum(np.einsum("pni,nij,pnj->p", gain, turned, gain), 0.0)))
-    explained = np.sqrt(budget.lines["noise of the means"] ** 2 + budget.lines["table angles"] ** 2)
+    budget.add(NOISE, np.sqrt(np.einsum("pni,ni->p", gain**2, white)))
+    budget.add(SETTINGS, np.sqrt(np.maximum(np.einsum("pni,nij,pnj->p", gain, turned, gain), 0.0)))
+    explained = np.sqrt(budget.lines[NOISE] ** 2 + budget.lines[SETTINGS] ** 2)
     extra = np.maximum(fit.sigma[:3] ** 2 - explained**2, 0.0)
     if fit.used != "white" and np.any(extra > 0):
         budget.add("scatter between positions beyond both", np.sqrt(extra))
