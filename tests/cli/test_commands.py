@@ -17,6 +17,7 @@ import typer
 import sagnac
 from sagnac.calibration import load, loads
 from sagnac.cli import app, options
+from sagnac.cli.opening import Opening
 from sagnac.errors import InputError
 from sagnac.recording import open_recording
 
@@ -291,7 +292,7 @@ def test_scale_may_stand_several_times(run, tmp_path):
     (tmp_path / "log.csv").write_text(
         "time [s],gyro_x [pulse],gyro_y [pulse],gyro_z [pulse]\n" + "".join(f"{i / 10},9,9,9\n" for i in range(1, 9))
     )
-    opened = options.open_with(tmp_path / "log.csv", None, None, ["gyro=1 pulse/arcsec", "gyro_z=2pulse/arcsec"], None)
+    opened = Opening(scale=["gyro=1 pulse/arcsec", "gyro_z=2pulse/arcsec"]).open(tmp_path / "log.csv")
     # 9 pulses in 0.1 s at 1 and 2 pulse/arcsec: 90 and 45 arcsec/s
     np.testing.assert_allclose(opened.read().gyro[0] * 648000 / np.pi, [90, 90, 45], rtol=1e-12)
 

@@ -191,7 +191,7 @@ def apply(
     options.keep_inputs(("--out", out), inputs=(recording, calibration, plan))
     model = load(calibration)
     announce_compilation(f"apply {model.method}")
-    opened = opening.open(recording, plan=options.plan_with(plan, None, None, None), calibration=model)
+    opened = opening.open(recording, plan=options.plan_with(plan, None, None, None), calibration=model, told=False)
     with counting(f"compensating {recording.name}") as progress:
         rows = run(model, opened, out, progress=progress)
     typer.echo(json.dumps({"out": str(out), "samples": rows}) if as_json else f"{out}: {rows} samples")

@@ -46,7 +46,7 @@ def transfer(
     from ..report.alignment import PICTURES
     from .terminal import announce_compilation, counting
 
-    opened = opening.open(slave)
+    opened = opening.open(slave, told=False)
     announce_compilation("align transfer")
     with counting(f"aligning {slave.name}", "s") as progress:
         found = run(master, opened, config, out, draw=PICTURES, progress=progress)

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from . import options
+from .opening import Opening, reads_recording
 
 STATIC_EXAMPLE = (
     "Example: `sagnac align static parked.parquet --scale 'gyro=10 pulse/arcsec' --scale 'accel=817.996 pulse/(m/s)' "
@@ -64,6 +65,7 @@ def _si(text: str | None, kind: str, option: str) -> float | None:
     return None if text is None else _needed(text, kind, option)
 
 
+@reads_recording
 def static(
     recording: options.RecordingFile,
     latitude: Annotated[str, typer.Option(help="'34.246 deg', north positive.", metavar="TEXT")],
@@ -89,10 +91,9 @@ def static(
     ] = Method.fine,
     upside_down: Annotated[bool, typer.Option("--upside-down", help="The z axis may point down.")] = False,
     samples: Samples = Meaning.instant,
-    units: options.Units = None,
-    scale: options.Scale = None,
-    names: options.Map = None,
     as_json: options.Json = False,
+    *,
+    opening: Opening,
 ) -> None:
     """Find the attitude of a unit that stays at its place (it may sway), from its own samples."""
     from ..align.static import align, place_of
@@ -105,7 +106,7 @@ def static(
         _needed(height, "length", "--height"),
         gravity=_si(gravity, "acceleration", "--gravity"),
     )
-    opened = options.open_with(recording, None, units, scale, names)
+    opened = opening.open(recording)
     announce_compilation("align static")
     result = align(
         opened,
@@ -125,6 +126,7 @@ def static(
     typer.echo(result.to_json() if as_json else result.summary(), nl=False)
 
 
+@reads_recording
 def navigate(
     recording: options.RecordingFile,
     start: Annotated[Path, typer.Option("--start", help="Alignment to start from (JSON).")],
@@ -140,11 +142,10 @@ def navigate(
     gravity: options.Gravity = None,
     samples: Samples = Meaning.instant,
     bridge: Bridge = False,
-    units: options.Units = None,
-    scale: options.Scale = None,
-    names: options.Map = None,
     plot: Annotated[Path | None, typer.Option(help="Draw drift and track (PNG, SVG, PDF).")] = None,
     as_json: options.Json = False,
+    *,
+    opening: Opening,
 ) -> None:
     """Navigate from an aligned start by the unit's own samples alone."""
     from ..align.result import load
@@ -159,7 +160,7 @@ def navigate(
     found = load(start)
     state = state_of(found, str(start))
     gyro_bias, accel_bias = biases_of(found) if biases else (None, None)
-    opened = options.open_with(recording, None, units, scale, names)
+    opened = opening.open(recording, told=False)
     refuse_other_reading(found, opened, str(start))
     measured = _si(gravity, "acceleration", "--gravity")
     announce_compilation("navigate")

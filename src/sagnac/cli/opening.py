@@ -48,8 +48,13 @@ class Opening:
     ] = None
     partial: Annotated[bool, typer.Option("--partial", help="Take a damaged file up to the damage.")] = False
 
-    def open(self, path: Path, *, plan: Plan | None = None, calibration: Calibration | None = None) -> Recording:
-        """The recording, with the nominal scale of the calibration, the plan and the options, the last one counting."""
+    def open(
+        self, path: Path, *, plan: Plan | None = None, calibration: Calibration | None = None, told: bool = True
+    ) -> Recording:
+        """The recording, with the nominal scale of the calibration, the plan and the options, the last one counting.
+
+        How far the reading has come is `told`, unless the command itself counts.
+        """
         from ..recording import open_recording
         from .terminal import reading
 
@@ -65,7 +70,7 @@ class Opening:
             select=self.select,
             rate=self.rate,
             partial=self.partial,
-            watch=reading,
+            watch=reading if told else None,
         )
 
 

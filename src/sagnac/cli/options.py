@@ -10,27 +10,12 @@ import typer
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from ..calibration import Calibration
     from ..plan import Plan
-    from ..recording import Recording
 
 RecordingFile = Annotated[
     Path, typer.Argument(help="Recording: CSV, Parquet, ROS bag, ULog, .BIN, .mat, ...", metavar="RECORDING")
 ]
 PlanFile = Annotated[Path | None, typer.Option("--plan", help="What was done with the unit (TOML).")]
-Units = Annotated[
-    str | None,
-    typer.Option("--units", help="Units of columns that name none: accel=g,gyro=deg/s,time=s", metavar="TEXT"),
-]
-Scale = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--scale",
-        help="Nominal scale of count or pulse columns, once a sensor or axis: gyro=1.1866pulse/arcsec",
-        metavar="TEXT",
-    ),
-]
-Map = Annotated[str | None, typer.Option("--map", help="Other column names: accel_x=AX,accel_y=AY,...", metavar="TEXT")]
 Gravity = Annotated[str | None, typer.Option(help="Measured gravity of the site: '9.81744 m/s^2'.", metavar="TEXT")]
 Latitude = Annotated[str | None, typer.Option(help="Latitude of the site: '48.1 deg'.", metavar="TEXT")]
 Height = Annotated[str | None, typer.Option(help="Height of the site: '500 m'.", metavar="TEXT")]
@@ -94,24 +79,6 @@ def check_picture(path: Path | None) -> None:
     """Refuse a picture of a kind that cannot be drawn, before any work is done."""
     if path is not None and path.suffix.lower() not in (".png", ".svg", ".pdf"):
         raise InputError(f"--plot {path}: write to a .png, .svg or .pdf file")
-
-
-def open_with(
-    path: Path,
-    plan: Plan | None,
-    units: str | None,
-    scale: list[str] | None,
-    names: str | None,
-    calibration: Calibration | None = None,
-) -> Recording:
-    """The recording with the nominal scale of the calibration, the plan and the options, the last one counting."""
-    from ..recording import open_recording
-
-    given = dict(calibration.unit.scale) if calibration is not None else {}
-    given |= plan.unit.scale if plan is not None else {}
-    for text in scale or []:
-        given |= pairs(text, "--scale")
-    return open_recording(path, units_of=pairs(units, "--units"), scale=given, rename=pairs(names, "--map"))
 
 
 def plan_with(path: Path | None, gravity: str | None, latitude: str | None, height: str | None) -> Plan | None:
