@@ -21,7 +21,7 @@ from sagnac.align.large import model as large_model
 from sagnac.align.master import Master
 from sagnac.align.samples import Slave
 from sagnac.frames import rotation_matrix, rotation_vector
-from sagnac.navigate.trajectory import Trajectory, course
+from sagnac.navigate.trajectory import Trajectory, read
 
 DEG = np.pi / 180.0
 
@@ -45,7 +45,7 @@ S_TURN = (
 def motion(*legs, lever=(0.0, 0.0, 0.0), frequency=100.0, rate=10.0, start=0.0, **more):
     """Increments and log of a vehicle at 60 N and 10 m/s, first due east; the log begins at `start`."""
     table = {"latitude": "60 deg", "speed": "10 m/s", "heading": "90 deg", "leg": list(legs), **more}
-    way = Trajectory.of(course.from_table(table))
+    way = Trajectory.of(read.from_table(table))
     counted = way.carry(lever_arm=lever).increments(frequency)
     time = start + np.arange(int((way.duration - start) * rate + 1e-9) + 1) / rate
     state = way.state(time)

@@ -15,7 +15,7 @@ from sagnac.align.config import Config, from_table
 from sagnac.align.master import Master, from_arrays
 from sagnac.align.samples import Slave
 from sagnac.frames import heading_pitch_roll, rotation_matrix
-from sagnac.navigate.trajectory import Trajectory, course
+from sagnac.navigate.trajectory import Trajectory, read
 
 DEG = math.pi / 180
 HOUR = 3600.0
@@ -150,7 +150,7 @@ class Voyage:
 
 @lru_cache(maxsize=64)
 def _true(way: str, frequency: float, rate: float, lever: tuple[float, float, float]):
-    base = Trajectory.of(course.from_table(WAYS[way]))
+    base = Trajectory.of(read.from_table(WAYS[way]))
     slave = base.carry(lever_arm=lever) if any(lever) else base
     counted = slave.increments(frequency)
     stamps = np.arange(int(base.duration * rate + 1e-9) + 1) / rate

@@ -15,7 +15,7 @@ from sagnac.align.config import load as load_config
 from sagnac.earth import normal_gravity, radii
 from sagnac.frames import attitude_matrix, heading_pitch_roll, rotation_matrix
 from sagnac.navigate.strapdown import increments, integrate
-from sagnac.navigate.trajectory import course
+from sagnac.navigate.trajectory import read
 from sagnac.recording import Batch, open_recording
 from sagnac.simulate import scenario as scenarios
 from sagnac.simulate.build import build
@@ -186,7 +186,7 @@ def test_site_and_course_are_in_the_settings(tmp_path):
     assert np.linalg.norm(batch.accel[0]) == pytest.approx(math.hypot(north, up), abs=1e-4)
     config = tomllib.loads((tmp_path / "config.toml").read_text())
     assert (config["gravity"], config["earth_rate"]) == ("9.82 m/s^2", "7.3e-5 rad/s")
-    assert course.from_table(config["trajectory"]) == course.from_table(table["trajectory"])
+    assert read.from_table(config["trajectory"]) == read.from_table(table["trajectory"])
 
 
 @pytest.mark.parametrize("name", ["transfer", "transfer-s-turn", "transfer-ship"])

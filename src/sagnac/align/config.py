@@ -23,7 +23,7 @@ from pydantic import (
 from ..earth import EARTH_RATE
 from ..errors import InputError
 from ..files import write_atomically
-from ..navigate.trajectory import course
+from ..navigate.trajectory import read
 from ..navigate.trajectory.course import Course
 from ..plan import read_toml
 from ..quantities import ABOVE_ZERO, SIZE, Reader, si, takes
@@ -194,7 +194,7 @@ class Config(_Record):
         if given is None or isinstance(given, Course):
             return given
         try:
-            return course.from_table(given, _NO_NAME)
+            return read.from_table(given, _NO_NAME)
         except InputError as cause:
             raise ValueError(str(cause).removeprefix(f"{_NO_NAME}: ")) from cause
 

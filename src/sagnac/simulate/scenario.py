@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError
 
 from .. import plan as plans
 from ..errors import InputError
-from ..navigate.trajectory import course as courses
+from ..navigate.trajectory import read
 from ..navigate.trajectory.course import Course
 from ..plan import Plan
 from ..quantities import checked, problem
@@ -154,7 +154,7 @@ def from_table(table: dict[str, Any], name: str = "scenario", sha256: str = "") 
         errors=errors,
         recording=file.recording,
         plan=_vehicle_plan(file, rig, name) if kind == "vehicle" else _plan(file, rig, kind, name),
-        trajectory=courses.from_table(file.trajectory, name) if kind == "vehicle" else None,
+        trajectory=read.from_table(file.trajectory, name) if kind == "vehicle" else None,
         master=file.master or Master(),
         config=_config(file) if kind == "vehicle" else {},
     )

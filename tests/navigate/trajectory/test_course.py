@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from sagnac.errors import InputError
 from sagnac.navigate.trajectory import Trajectory
-from sagnac.navigate.trajectory.course import Climb, Course, Leg, Sway, from_table
+from sagnac.navigate.trajectory.course import Climb, Course, Leg, Sway
+from sagnac.navigate.trajectory.read import from_table
 
 DEG = math.pi / 180.0
 START = {"latitude": "55 deg", "speed": "10 m/s", "heading": "30 deg"}

@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from ...errors import InputError
-from ...quantities import ABOVE_ZERO, SIZE, Reader, checked, si, takes
+from ...quantities import ABOVE_ZERO, SIZE, Reader, si, takes
 
 _MOST_LEGS = 20_000
 _LONGEST = 1e7  # s: four months
@@ -200,33 +199,8 @@ class Course(_Record):
         return math.fsum(leg.duration or 0.0 for _, leg in self.legs)
 
     def to_table(self) -> dict[str, Any]:
-        """Table of texts with units, defaults left out; :func:`from_table` gives an equal course."""
+        """Table of texts with units, defaults left out; ``read.from_table`` gives an equal course."""
         return _plain(self)
-
-
-def from_table(table: object, name: str = "course") -> Course:
-    """A course from the table ``[trajectory]`` of a TOML file.
-
-    Parameters
-    ----------
-    table : dict
-    name : str
-        Of the file, for messages.
-
-    Raises
-    ------
-    InputError
-        With the key at fault (``trajectory.leg.0.duration``) and what to write instead; also when the legs do not go together:
-        a speed below zero, a bank that no vehicle holds.
-    """
-    from .profile import Profile
-
-    course = checked(Course, table, name, "trajectory")
-    try:
-        Profile.of(course)
-    except InputError as cause:
-        raise InputError(f"{name}: {cause}") from cause
-    return course
 
 
 def _plain(record: BaseModel) -> dict[str, Any]:
