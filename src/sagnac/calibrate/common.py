@@ -229,16 +229,20 @@ def prior_remarks(fit: Estimate) -> list[str]:
     ]
 
 
-def misfit_remarks(fit: Estimate, noise_known: bool, poor: float = _POOR) -> list[str]:
-    """A word where the residuals are far beyond what the stated noise and uncertainty allow, by `poor` times at least."""
+def misfit_remarks(fit: Estimate, noise_known: bool, poor: float = _POOR, *, planned: bool = True) -> list[str]:
+    """A word where the residuals are far beyond what the stated noise and uncertainty allow, by `poor` times at least.
+
+    What to check depends on whether a plan says how the unit stood.
+    """
     times = np.sqrt(fit.chi2 / max(fit.degrees_of_freedom, 1))
     if not noise_known or fit.degrees_of_freedom < 1 or times < poor or fit.p_value > 1e-6:
         return []
-    text = (
-        f"the fit is poor: residuals are {times:.3g} times what noise and stated uncertainty allow; check the plan's angles, "
-        "rates and times, and what the segment with most influence was"
+    advice = (
+        "check the plan's angles, rates and times, and what the segment with most influence was"
+        if planned
+        else "sensors of this kind hardly ever obey the linear model to their noise, or the unit was not quite at rest"
     )
-    return [text]
+    return [f"the fit is poor: residuals are {times:.3g} times what noise and stated uncertainty allow; {advice}"]
 
 
 def result(

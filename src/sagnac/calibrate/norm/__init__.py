@@ -60,7 +60,7 @@ def solve(means: SegmentMeans, plan: Plan, *, robust: bool = False) -> Solution:
     case, start, model, known, parameters = prepare(means, plan)
     fit = estimate(parameters, model.rows, means.names, noise_known=known, robust=robust)
     stated = fit, model
-    case.remarks.extend(common.misfit_remarks(fit, known and not robust))
+    case.remarks.extend(common.misfit_remarks(fit, known and not robust, planned=case.nominal is not None))
     if known and not robust and fit.used != "white" and np.ptp(means.duration) > 0:
         alike = replace(means, duration=np.full_like(means.duration, means.duration.mean()))
         model, _ = model_of(replace(case, means=alike), start)
