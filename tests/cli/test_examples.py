@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import typer
+from inputs import WANTED
 from pyarrow import csv, parquet
 
 from sagnac.align.transfer import covariance
@@ -29,19 +30,6 @@ COMMANDS = {
     for inner, command in (getattr(group, "commands", None) or {"": group}).items()
 }
 EXAMPLES = [line for command in COMMANDS.values() for line in re.findall(r"`(sagnac .*?)`", command.epilog or "")]
-WANTED = """
-latitude = "45 deg"
-[unit]
-noise = { accel = "10 ug/sqrt(Hz)" }
-[rig]
-angle_uncertainty = "1 arcmin"
-[optimise]
-method = "norm"
-sensors = ["accel"]
-positions = 12
-dwell = "60 s"
-candidates = { directions = 150 }
-"""
 
 
 def as_csv(source: Path, target: Path) -> None:

@@ -5,25 +5,11 @@ from __future__ import annotations
 import json
 
 import pytest
+from inputs import WANTED
 
 from sagnac.plan import load
 from sagnac.simulate.plans import ICOSAHEDRON, table_plan
 from sagnac.simulate.unit import laser_gyro_unit
-
-WANTED = """
-latitude = "45 deg"
-gravity = "9.8061992 m/s^2"
-[unit]
-noise = { accel = "10 ug/sqrt(Hz)" }
-[rig]
-angle_uncertainty = "1 arcmin"
-[optimise]
-method = "norm"
-sensors = ["accel"]
-positions = 12
-dwell = "60 s"
-candidates = { directions = 150 }
-"""
 
 
 @pytest.fixture
