@@ -25,10 +25,12 @@ class Record(BaseModel):
 
 
 class Source(Record):
-    """A file that went in, and as what."""
+    """A file that went in, and as what; of recordings the format, and which one in a file that may hold several."""
 
     file: str
     role: Literal["recording", "plan", "prior", "master", "configuration"] = "recording"
+    format: str | None = None
+    select: str | None = None
     sha256: str | None = None
     start: float | None = None
     stop: float | None = None

@@ -77,8 +77,81 @@ def test_ardupilot_instances_and_temperature():
         + ["INS_ACC2_CALTEMP", "INS_GYR2_CALTEMP"]
     )
     assert first["INS_GYR1_CALTEMP"] == 25.0
-    with pytest.raises(InputError, match="1, 2 and 3"):
-        export(cal, "ardupilot", Options(instance=0))
+    for number in (4, 5):  # names of AP_InertialSensor_Params.cpp
+        found = parameters(text(cal, "ardupilot", Options(temperature=298.15, instance=number)))
+        parts = [f"{w}{a}" for w in ("ACCOFFS", "ACCSCAL", "GYROFFS") for a in axes]
+        assert sorted(found) == sorted([f"INS{number}_{p}" for p in (*parts, "ACC_CALTEMP", "GYR_CALTEMP")])
+        assert list(found.values()) == list(first.values())
+    for number in (0, 6):
+        with pytest.raises(InputError, match="instances 1 to 5"):
+            export(cal, "ardupilot", Options(instance=number))
+
+
+def of_log(name, *chosen, more=()):
+    """A calibration from these choices of logs of this format."""
+    source = [{"file": f"{k}", "format": name, "select": which} for k, which in enumerate(chosen)]
+    return calibration(VALUES, source=[*source, *more])
+
+
+LOGS = [
+    ("ardupilot", "ArduPilot DataFlash", "RAW/1", "INS_ACC2OFFS_X", 2, "INS_ACCOFFS_X", 1),
+    ("ardupilot", "ArduPilot DataFlash", "IMU/4", "INS5_ACCOFFS_X", 5, "INS_ACC3OFFS_X", 3),
+    ("px4", "PX4 ULog", "2", "CAL_ACC2_XOFF", 2, "CAL_ACC1_XOFF", 1),
+    ("px4", "PX4 ULog", "FIFO/1", "CAL_ACC1_XOFF", 1, "CAL_ACC0_XOFF", 0),
+]
+
+
+@pytest.mark.parametrize(("target", "log", "chosen", "own", "number", "other", "differing"), LOGS)
+def test_the_sensor_that_the_calibration_is_of_is_written(target, log, chosen, own, number, other, differing):
+    cal = of_log(log, chosen, more=[{"file": "plan.toml", "role": "plan"}])
+    instance = chosen[-1]
+    assert own in parameters(text(cal, target, Options()))
+    (told,) = [r for r in export(cal, target).remarks if "instance" in r]
+    assert told == f"the calibration is of instance {instance} of the log: written are {own}, ... (--instance {number})"
+    assert own in parameters(text(cal, target, Options(instance=number)))
+    assert not any("instance" in r for r in export(cal, target, Options(instance=number)).remarks)
+    done = export(cal, target, Options(instance=differing))
+    assert other in parameters(done.files[""].decode())
+    assert f"# {done.remarks[0]}" in done.files[""].decode().splitlines()
+    assert any(
+        r.startswith(f"the calibration is of instance {instance} of the log, --instance {number}, and")
+        and r.endswith(f"--instance {differing} asks for another: {other}, ...")
+        for r in done.remarks
+    )
+
+
+@pytest.mark.parametrize(("target", "log", "first"), [("px4", "PX4 ULog", "CAL_ACC0_XOFF"), LOGS[0][:2] + LOGS[0][5:6]])
+def test_a_sensor_that_is_not_known_is_said(target, log, first):
+    """Other formats, several recordings of different sensors, choices that are no number."""
+    others = [
+        calibration(VALUES),
+        of_log("CSV", None),
+        of_log("ROS 1 bag", "/imu/1"),
+        of_log({"px4": "ArduPilot DataFlash", "ardupilot": "PX4 ULog"}[target], "1"),
+        of_log(log, "1", "0"),
+        of_log(log, None),
+        of_log(log, "RAW/²"),
+        of_log(log, "1" * 5000),
+    ]
+    for cal in others:
+        assert first in parameters(text(cal, target, Options()))
+        assert any(f"written are {first}, ..., of the first; --instance" in r for r in export(cal, target).remarks)
+        assert not any("does not tell" in r for r in export(cal, target, Options(instance=1)).remarks)
+    assert not any("does not tell" in r for r in export(of_log(log, "1", "1"), target).remarks)
+
+
+def test_a_calibration_of_gyros_names_their_parameters():
+    cal = calibration({f"gyro.bias.{a}": 0.1 for a in "xyz"})
+    assert any("INS_GYROFFS_X, ..." in r for r in export(cal, "ardupilot").remarks)
+    assert any("CAL_GYRO0_XOFF, ..." in r for r in export(cal, "px4").remarks)
+
+
+def test_px4_changes_its_offsets_by_itself():
+    """VehicleIMU.cpp and GyroCalibration.cpp, on by default."""
+    (told,) = [r for r in export(calibration(VALUES), "px4").remarks if "SENS_IMU_AUTOCAL" in r]
+    assert told.endswith("unless SENS_IMU_AUTOCAL is 0, and those of the gyros at rest unless IMU_GYRO_CAL_EN is 0")
+    accel = calibration({f"accel.bias.{a}": 0.1 for a in "xyz"})
+    assert not any("IMU_GYRO_CAL_EN" in r for r in export(accel, "px4").remarks)
 
 
 def test_ardupilot_temperature_of_the_recording():

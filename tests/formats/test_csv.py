@@ -57,6 +57,7 @@ def refusal(path: Path, numeric=NUMERIC, other=()) -> str:
         TEXT.replace(",", ", "),
         TEXT.replace(",", " ,  "),
         "# made by a logger\n#\n\n" + TEXT,
+        "// made by a logger\n% 1 2 3\n" + TEXT,
         "\ufeff# mark, then comment\r\n" + TEXT.replace("\n", "\r\n"),
         "# a\u2028b\x0cc\x85d\x1ce\n" + TEXT,  # ends of lines elsewhere, but not in a CSV file
         TEXT.replace("\n", "\n\n"),  # blank lines are no rows
@@ -64,7 +65,8 @@ def refusal(path: Path, numeric=NUMERIC, other=()) -> str:
         HEADER.replace(",", "  ,  ") + TEXT.removeprefix(HEADER),
     ],
     ids=[
-        "plain", "no-end", "crlf", "cr", "bom", "semicolon", "tab", "space-after", "spaces", "comments", "bom-comment",
+        "plain", "no-end", "crlf", "cr", "bom", "semicolon", "tab", "space-after", "spaces", "comments",
+        "other-comments", "bom-comment",
         "unicode-ends", "blank-lines", "quoted-header", "spaced-header",
     ],
 )  # fmt: skip
@@ -138,10 +140,11 @@ def test_a_quote_that_never_ends(tmp_path):
         (b"# long\n" * 10000 + TEXT.encode(), "no header line"),
         (b"a,b,a,c,b\n1,2,3,4,5\n", "these columns stand more than once in the header: a, b"),
         (b"a , a\n1,2\n", "these columns stand more than once in the header: a"),
+        (b'# c\n"3","1",,"2.5"\n9,8,7,6\n', "line 2 is numbers alone where the header (time [s],accel_x [g],...) should stand"),
     ],
     ids=[
         "empty", "blank", "comments", "binary", "zero", "latin-1", "latin-1 long", "utf-16", "endless", "far", "twice",
-        "twice but for spaces",
+        "twice but for spaces", "numbers in quotes",
     ],
 )  # fmt: skip
 def test_what_is_no_table_is_refused(tmp_path, content, says):

@@ -226,7 +226,10 @@ def test_instances_are_chosen(tmp_path):
     with pytest.raises(InputError, match="no '7' in this log"):
         open_table(path, "7")
     for select in ("1", "IMU/1"):
-        raw(rows(open_table(path, select))[0])
+        table = open_table(path, select)
+        raw(rows(table)[0])
+        assert table.choice == "IMU/1"
+        assert table.remarks[0].startswith("messages IMU, instance 1 (INS_ACC2OFFS_X, ...): ")
 
 
 def test_old_logs_have_a_message_for_each_instance(tmp_path):
@@ -260,6 +263,7 @@ def test_samples_before_the_filters_are_preferred(tmp_path):
     table = open_table(path)
     assert table.remarks[0].startswith("messages ACC and GYR, instance 0")
     assert not any("filter" in text for text in table.remarks)
+    assert table.choice == "RAW/0"
     found = rows(table)[0]
     raw(found)
     np.testing.assert_array_equal(found[:, 0], TIME / 1e6)
@@ -290,6 +294,29 @@ def test_temperature_is_needed_where_it_was_corrected_for(tmp_path):
     parts += [w.message("ACC", 5, 0, 5, 0, 0, 0), w.message("GYR", 5, 0, 5, 0, 0, 0)]
     with pytest.raises(InputError, match="no temperature is in messages IMU"):
         open_table(put(tmp_path, b"".join(parts)))
+
+
+@pytest.mark.parametrize(
+    ("options", "accelerometers", "gyros"),
+    [
+        ({"INS_RAW_LOG_OPT": 4.0}, "", "were"),
+        ({"INS_RAW_LOG_OPT": 8.0}, "", ""),
+        ({"INS_RAW_LOG_OPT": 12.0}, "", ""),
+        ({"INS_LOG_BAT_OPT": 2.0}, "were", "were"),
+        ({"INS_LOG_BAT_OPT": 1.0}, "", ""),
+        ({"INS_LOG_BAT_OPT": 3.0}, "may in part have been", "may in part have been"),
+        ({"INS_LOG_BAT_OPT": 4.0}, "may in part have been", "may in part have been"),
+        ({"INS_LOG_BAT_OPT": 2.0, "INS_LOG_BAT_MASK": 0.0}, "", ""),
+        ({"INS_LOG_BAT_OPT": 2.0, "INS_LOG_BAT_MASK": 1.0, "INS_RAW_LOG_OPT": 0.0}, "were", ""),
+        ({"INS_LOG_BAT_OPT": float("nan"), "INS_RAW_LOG_OPT": float("inf")}, "", ""),
+    ],
+)
+def test_samples_behind_the_filters_are_known_by_the_parameters(tmp_path, options, accelerometers, gyros):
+    """AP_InertialSensor_Backend.cpp, log_accel_raw and log_gyro_raw; BatchSampler.cpp."""
+    table = open_table(put(tmp_path, unfiltered(parameters=w.PARAMETERS | options)))
+    expected = [("ACC", accelerometers, "accelerometers"), ("GYR", gyros, "gyros")]
+    told = [text.rpartition(" (")[0] for text in table.remarks if "behind the filters" in text]
+    assert told == [f"samples in {m} {how} logged behind the filters of the {s}" for m, how, s in expected if how]
 
 
 def test_filtered_gyros_and_lost_messages_are_remarks(tmp_path):

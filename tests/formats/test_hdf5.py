@@ -233,3 +233,83 @@ def test_any_damage_is_a_table_or_a_told_error(tmp_path, changes):
     except InputError as error:
         if not str(error).startswith(f"{path}: "):
             raise
+
+
+def packed(path, **attributes):
+    with h5py.File(path, "w") as file:
+        file["time"] = TIME
+        item = file.create_dataset("acc", data=np.column_stack([COUNTS, COUNTS, COUNTS]))
+        item.attrs.update(attributes)
+    return path
+
+
+@pytest.mark.parametrize("rows", [7, 1 << 17])
+@pytest.mark.parametrize(
+    ("attributes", "scale", "offset"),
+    [
+        ({"scale_factor": 0.01}, 0.01, 0.0),
+        ({"add_offset": np.float32(-2.5)}, 1.0, -2.5),
+        ({"scale_factor": np.array([-0.01]), "add_offset": 5}, -0.01, 5.0),
+        ({"scale_factor": 0.01, "add_offset": 0.0, "_FillValue": COUNTS[9]}, 0.01, 0.0),
+        ({"_FillValue": COUNTS[9:10], "missing_value": float(COUNTS[20])}, 1.0, 0.0),
+    ],
+)
+def test_packed_numbers_are_unpacked(tmp_path, monkeypatch, rows, attributes, scale, offset):
+    # CF conventions 1.11, 8.1 and 2.5.1: number in the file * scale_factor + add_offset; fills are numbers in the file
+    monkeypatch.setattr(variables, "BATCH", rows)
+    true = COUNTS * scale + offset
+    fills = [int(np.ravel(v)[0]) for k, v in attributes.items() if k in ("_FillValue", "missing_value")]
+    true[np.isin(COUNTS, fills)] = np.nan
+    path = packed(tmp_path / "a.h5", units="m/s^2", **attributes)
+    assert np.isnan(true).any() == bool(fills)
+    read, fault = pieces(path)
+    assert fault is None
+    np.testing.assert_array_equal(read, np.column_stack([true, true, true, TIME]))
+    assert open_table(path).columns == (*(f"acc.{k} [m/s^2]" for k in (1, 2, 3)), "time")
+    (batch, *_) = open_table(path).read([], ["acc.1 [m/s^2]"])
+    assert str(batch.schema.types[0]) == "double"
+
+
+def test_a_fill_of_doubles_in_singles(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        item = file.create_dataset("x", data=np.array([1.0, 9.96920996838687e36, 2.0], dtype="f4"))
+        item.attrs["_FillValue"] = 9.96920996838687e36
+    np.testing.assert_array_equal(pieces(tmp_path / "a.h5")[0], [[1.0], [np.nan], [2.0]])
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("scale_factor", [0.1, 0.2, 0.3]),
+        ("scale_factor", "0.1"),
+        ("scale_factor", 0.0),
+        ("scale_factor", np.nan),
+        ("add_offset", np.inf),
+        ("_FillValue", [1, 2]),
+        ("missing_value", "none"),
+        ("_Unsigned", "true"),
+    ],
+)
+def test_packing_that_cannot_be_applied_is_refused_where_it_is_read(tmp_path, key, value):
+    table = open_table(packed(tmp_path / "a.h5", **{key: value}))
+    assert len(list(table.read(["time"], []))) == 1
+    with pytest.raises(InputError, match=f"a.h5: /acc: its attribute {key} is in a form that cannot be applied"):
+        list(table.read(["acc.1"], []))
+
+
+def test_packing_of_a_compound_dataset_is_refused(tmp_path):
+    item_path = plain(tmp_path / "a.h5")
+    with h5py.File(item_path, "a") as file:
+        file["raw"].attrs["scale_factor"] = 0.1
+    with pytest.raises(InputError, match="/raw: its attribute scale_factor"):
+        list(open_table(item_path).read(["raw.n"], []))
+
+
+def test_arrays_of_other_lengths_stand_beside(tmp_path):
+    table = open_table(plain(tmp_path / "log.h5"))
+    (short,) = table.besides
+    assert (table.samples, short.samples) == (400, 9)
+    assert short.columns == ("short",)
+    (batch,) = short.read(["short"], [])
+    assert batch.column(0).to_pylist() == [0.0] * 9
+    assert table.whole == {"raw.n"}

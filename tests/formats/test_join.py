@@ -105,6 +105,17 @@ def test_memory_is_bounded_when_one_sensor_falls_silent(monkeypatch):
     assert joiner._accel.time.size <= 100
 
 
+def test_time_of_gyros_that_goes_back_is_refused_wherever_it_does():
+    """Also behind gyro samples that have been handed out: they are not left out without a word."""
+    joiner = Joiner("a.ulg", 1000.0)
+    joiner.add(stream([1000, 2000, 3000]), None)
+    assert joiner.add(None, stream([1500, 2500]))[0].time.size == 2
+    with pytest.raises(InputError, match=r"a\.ulg: .*gyros goes from 0.002500 s to 0.001600 s"):
+        joiner.add(None, stream([1600, 2700]))
+    with pytest.raises(InputError, match="gyros goes from 0.002500 s to 0.002500 s"):
+        joiner.add(None, stream([2500]))
+
+
 def test_time_that_goes_back_is_refused():
     joiner = Joiner("a.ulg", 1000.0)
     joiner.add(stream([1000, 2000]), None)
@@ -125,3 +136,28 @@ def test_bunches_are_no_gaps():
     assert join.usual_step(time) == pytest.approx(7993)
     assert join.usual_step(time[:1]) == 0.0
     assert join.rate(time) == pytest.approx(1000, rel=0.02)
+
+
+@pytest.mark.parametrize(("many", "within"), [(10, 12), (16, 12), (20, 10), (32, 1), (50, 3), (20, 400)])
+def test_no_sample_of_large_bunches_is_lost(many, within):
+    """1 kHz, `many` samples read at once and stamped `within` us apart; one bunch is missing, and that is a gap."""
+    bunches = np.delete(np.arange(60), 30)
+    accel = stream((bunches[:, None] * many * 1000 + np.arange(many) * within).ravel())
+    gyro = stream(np.arange(60 * many) * 1000 + 5)
+    usual = join.usual_step(accel.time)
+    assert usual == many * 1000 - (many - 1) * within
+    _, time, values, _ = joined(accel, gyro, usual)
+    gap = gyro.time > 29 * many * 1000 + (many - 1) * within
+    gap &= gyro.time < 31 * many * 1000
+    np.testing.assert_array_equal(time, gyro.time[~gap & (gyro.time <= accel.time[-1])])
+    np.testing.assert_allclose(values, stream(time).values, rtol=1e-14)
+
+
+def test_gaps_are_not_usual():
+    """A pause as long as all the rest, stalls after every fifty samples, one sample in thirteen lost: the step stays."""
+    whole = np.arange(1000) * 1000
+    assert join.usual_step(np.append(whole, whole + 2_000_000)) == 1000
+    assert join.usual_step(whole + np.arange(1000) // 50 * 20_000) == 1000
+    assert join.usual_step(np.delete(whole, np.arange(5, 1000, 13))) == 1000
+    assert join.usual_step(np.delete(whole, slice(1, 999))) == whole[-1]  # two samples tell no better
+    assert join.usual_step(whole[::-1]) == 0.0

@@ -270,3 +270,21 @@ def test_any_damage_is_a_table_or_a_told_error(tmp_path, squeeze, data):
     except InputError as error:
         if not str(error).startswith(f"{path}: "):
             raise
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_arrays_of_other_lengths_stand_beside(tmp_path, packed):
+    path = tmp_path / "log.mat"
+    imu = {"t": np.arange(6) * 0.01, "acc": np.arange(18.0).reshape(6, 3)}
+    io.savemat(path, {"imu": imu, "gps": {"time": np.arange(4.0)}, "x": np.arange(9)}, do_compression=packed)
+    table = open_table(path)
+    assert table.columns == ("gps.time",)
+    assert [(t.samples, t.columns) for t in table.besides] == [
+        (6, ("imu.t", "imu.acc.1", "imu.acc.2", "imu.acc.3")),
+        (9, ("x",)),
+    ]
+    assert [t.whole for t in table.besides][1] == {"x"}
+    (batch,) = table.besides[0].read(["imu.t", "imu.acc.2"], [])
+    np.testing.assert_array_equal(
+        np.column_stack([c.to_numpy() for c in batch.columns]), np.c_[imu["t"], imu["acc"][:, 1]]
+    )

@@ -78,9 +78,20 @@ def test_numbers_are_those_that_were_written(tmp_path, monkeypatch, content, blo
     np.testing.assert_array_equal(read, DATA)
 
 
-@pytest.mark.parametrize("content", [TEXT, written(";"), "# c\n" + written("\t")])
+COMMENTS = "# a line of a logger that has much to say before it begins\n" * 200  # 11 kB
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        TEXT, written(";"), "# c\n" + written("\t"), "\ufeff" + written(","), "\ufeff# c\n" + TEXT, COMMENTS + written(","),
+        "\ufeff" + COMMENTS + "\n" + written(","),
+    ],
+)  # fmt: skip
 def test_it_is_recognised(tmp_path, content):
-    assert format_of(put(tmp_path, content)).module == "text.numbers"
+    path = put(tmp_path, content)
+    assert format_of(path).module == "text.numbers"
+    np.testing.assert_array_equal(pieces(path)[0], DATA)
 
 
 def test_columns_in_any_order_and_progress(tmp_path):

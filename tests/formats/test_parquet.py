@@ -58,6 +58,14 @@ def test_whole_nanoseconds_since_1970_are_rounded_not_refused(tmp_path):
     assert piece.column(0)[0].as_py() == pytest.approx(1.7e18, rel=2**-53)
 
 
+def test_integers_are_known_and_come_exactly_when_asked_for_as_they_are(tmp_path):
+    whole = [1_700_000_000_000_000_001, 1_700_000_000_001_000_003]
+    table = open_table(put(tmp_path / "a.parquet", {"time [ns]": whole, "a": [1.0, 2.0], "n": ["x", "y"]}))
+    assert table.whole == {"time [ns]"}
+    (piece,) = table.read(["a"], ["time [ns]"])
+    assert piece.column("time [ns]").to_pylist() == whole
+
+
 def test_missing_values_become_nan_for_the_checks_to_find(tmp_path):
     path = put(tmp_path / "a.parquet", {"a": [1.0, None]})
     (piece,) = open_table(path).read(["a"], [])

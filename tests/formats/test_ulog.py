@@ -105,6 +105,24 @@ def test_sensors_with_times_of_their_own_are_joined(tmp_path):
     assert table.remarks[-1].endswith(f"near enough before and after: {N - inside.sum()}")
 
 
+def test_accelerometers_in_large_bunches_lose_no_rows(tmp_path):
+    """Bunches of 20, stamped 10 us apart every 20 ms; only gyros behind the last of the accelerometers are left out."""
+    bunched = 2_000_000 + np.arange(N) // 20 * 20_000 + np.arange(N) % 20 * 10
+    table = open_table(put(tmp_path, w.log(bunched, ACCEL, TIME, GYRO)))
+    found, _ = rows(table)
+    np.testing.assert_array_equal(found[:, 0], TIME[bunched[-1] >= TIME] / 1e6)
+
+
+@pytest.mark.parametrize("size", [1 << 10, 1 << 22])
+def test_gyros_whose_time_goes_back_are_refused_in_logs_of_any_size(tmp_path, monkeypatch, size):
+    """In small pieces rows have been handed out before; what comes again must not vanish."""
+    monkeypatch.setattr(blocks, "SIZE", size)
+    again = w.log([], np.zeros((0, 3)), TIME[100:120], GYRO[100:120])
+    again = again[again.index(w.data(20, w.gyro(int(TIME[100]), GYRO[100]))) :]
+    with pytest.raises(InputError, match="the time of the gyros goes from 2.399000 s to 2.100000 s"):
+        rows(open_table(put(tmp_path, SOUND + again)))
+
+
 def test_one_sensor_alone(tmp_path):
     table = open_table(put(tmp_path, w.log([], np.zeros((0, 3)), TIME, GYRO)))
     assert table.columns[:4] == ("time [s]", *AXES[3:])
@@ -289,6 +307,27 @@ def test_a_message_that_is_missing_is_a_gap(tmp_path):
     np.testing.assert_array_equal(found[:, 1:4], COUNTS[kept] * float(np.float32(0.001)))
 
 
+@pytest.mark.parametrize(
+    ("sizes", "missing"),
+    [([8, 8, 8, 8, 32, 8, 8], 3), ([8, 8, 32, 8, 8, 8, 32, 8], 5), ([8, 32], None), ([4] * 6 + [8, 16] + [4] * 6, 5)],
+)
+def test_a_small_message_that_is_missing_before_a_large_one_is_a_gap(tmp_path, sizes, missing):
+    """What the samples of the large one lack is less than half of it."""
+    ends = np.cumsum(sizes)
+    if missing is None:  # the second message of all comes eight samples late: no message between was ever seen
+        ends = ends + np.array([0, 8])
+    out = [w.header(), w.definition(w.fifo("gyro")), w.subscribe(2, "sensor_gyro_fifo")]
+    kept = []
+    for k, (end, size) in enumerate(zip(ends.tolist(), sizes, strict=True)):
+        if k != missing:
+            kept += range(end - size, end)
+            counts = np.arange(end - size, end)[:, None] * [1, 2, 3]
+            out.append(w.data(2, w.collected(2_000_000 + 125 * (end - 1), 125.0, 1.0, counts)))
+    found, _ = rows(open_table(put(tmp_path, b"".join(out))), ["time [s]", "gyro_x [rad/s]"])
+    np.testing.assert_array_equal(found[:, 1], kept)
+    np.testing.assert_array_equal(found[:, 0], (2_000_000 + 125 * np.array(kept)) / 1e6)
+
+
 def test_collected_samples_beside_others_are_chosen_by_name(tmp_path):
     extra = w.subscribe(10, "sensor_accel") + w.subscribe(20, "sensor_gyro")
     extra += b"".join(w.data(10, w.accel(t, ACCEL[0])) + w.data(20, w.gyro(t, GYRO[0])) for t in (10**6, 2 * 10**6))
@@ -297,6 +336,7 @@ def test_collected_samples_beside_others_are_chosen_by_name(tmp_path):
         open_table(path)
     assert rows(open_table(path, "FIFO/0"))[0].shape == (N, 7)
     assert rows(open_table(path, "0"))[0].shape == (2, 7)
+    assert [open_table(path, which).choice for which in ("FIFO/0", "0")] == ["FIFO/0", "0"]
 
 
 def test_collected_samples_that_were_not_turned_are_refused(tmp_path):

@@ -255,3 +255,37 @@ def told(path):
     except InputError as error:
         if not str(error).startswith(f"{path}: "):
             raise
+
+
+@pytest.mark.parametrize("comments", ["", "// logger of mine\n", "// Start Time: noon\n// Update Rate: 100.0Hz\n"])
+@pytest.mark.parametrize("names", [SENSORS, tuple(f"My{n}" for n in SENSORS), ("Acc_X_raw", "PacketCounterLow")])
+def test_the_same_names_in_a_table_of_somebody_else(tmp_path, comments, names):
+    # such a file may be in g: its units are for the user to say
+    path = put(tmp_path, f"{comments}{','.join(names)}\n{','.join('1' * len(names))}\n")
+    assert format_of(path).module == "text.csv"
+    assert open_table(path).columns == names
+
+
+@pytest.mark.parametrize("comments", [OLD, NEW, "\ufeff" + NEW, "// MT Manager\n", "\n// Scenario: 4.1\n"])
+def test_the_comments_of_mt_manager_are_enough(tmp_path, comments):
+    assert format_of(put(tmp_path, export({}, comments=comments))).module == "text.xsens"
+
+
+@pytest.mark.parametrize("comments", ["// logger of mine\n", "// Filter: none\n"])
+def test_other_comments_give_no_units(tmp_path, comments):
+    path = put(tmp_path, export({"SampleTimeFine": counted()}, comments=comments))
+    with pytest.raises(InputError, match="nothing says the unit of Gyr_X, Gyr_Y, Gyr_Z, SampleTimeFine"):
+        open_table(path)
+
+
+@pytest.mark.parametrize(("text", "hertz"), [("1 kHz", 1000), ("0.4kHz", 400), ("2e2 Hz", 200), ("60", 60)])
+def test_the_rate_in_the_comments_has_a_unit(tmp_path, text, hertz):
+    path = put(tmp_path, export({"PacketCounter": counted()}, comments=f"{NEW}// Update Rate: {text}\n"))
+    np.testing.assert_allclose(pieces(path)[0][:, 0], (1 + np.arange(ROWS)) / hertz, rtol=1e-14)
+
+
+@pytest.mark.parametrize("text", ["100 per second", "10 ms", "100,0Hz", "1 2", "0 Hz"])
+def test_a_rate_that_cannot_be_read_is_refused(tmp_path, text):
+    path = put(tmp_path, export({"PacketCounter": counted()}, comments=f"{NEW}// Update Rate: {text}\n"))
+    with pytest.raises(InputError, match=f"comment line '// Update Rate: {text}'"):
+        open_table(path)

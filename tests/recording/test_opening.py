@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+from scipy import io
 
 import sagnac
 from sagnac import formats
@@ -101,6 +103,58 @@ def test_a_matrix_is_named_as_a_whole(tmp_path):
         open_recording(path, rename={"time": "t", "accel": "ac"})
 
 
+def test_a_matrix_with_units_is_named_as_a_whole(tmp_path):
+    path = log(tmp_path / "log.csv", header="t [s],acc.1 [g],acc.2 [g],acc.3 [g]\n")
+    assert open_recording(path, rename={"time": "t", "accel": "acc"}).read().accel[:, 2].tolist() == [9.80665] * 50
+
+
+def several(path: Path) -> Path:
+    """Arrays of 6 samples, of 4, among them the time, and of 9."""
+    imu = {"t": np.arange(6) * 0.01, "acc": np.arange(18.0).reshape(6, 3), "n": np.arange(6)}
+    io.savemat(path, {"imu": imu, "gps": {"time": np.arange(4.0), "x": np.zeros(4)}, "more": np.zeros((9, 3))})
+    return path
+
+
+def test_the_columns_asked_for_say_which_arrays_belong_together(tmp_path):
+    path = several(tmp_path / "log.mat")
+    units_of = {"time": "s", "accel": "m/s^2"}
+    recording = open_recording(path, rename={"time": "imu.t", "accel": "imu.acc"}, units_of=units_of)
+    read = recording.read()
+    np.testing.assert_array_equal(read.time, np.arange(6) * 0.01)
+    np.testing.assert_array_equal(read.accel, np.arange(18.0).reshape(6, 3))
+    assert recording.other == ("imu.n",)
+    (batch,) = recording.batches(with_other=True)
+    assert batch.other.column("imu.n").to_pylist() == list(range(6))
+    (said,) = recording.remarks
+    assert said == "read are the arrays of 6 samples; left out, of another length: gps.time (4), gps.x (4), more (9)"
+
+
+@pytest.mark.parametrize(
+    ("rename", "says"),
+    [
+        (
+            {"time": "imu.t", "accel": "more"},
+            r"named by --map have different lengths: time=imu.t \(6 samples\), accel_x=more.1 \(9 samples\), ",
+        ),
+        ({"time": "gps.time", "accel": "imu.acc"}, r"time=gps.time \(4 samples\), accel_x=imu.acc.1 \(6 samples\)"),
+        ({"time": "imu.u", "accel": "imu.acc"}, r"has no column 'imu.u'; it has: gps.time, gps.x, imu.t, imu.acc.1, "),
+    ],
+)
+def test_columns_of_different_lengths_are_no_recording(tmp_path, rename, says):
+    with pytest.raises(InputError, match=says):
+        open_recording(several(tmp_path / "log.mat"), rename=rename, units_of={"time": "s", "accel": "m/s^2"})
+
+
+@pytest.mark.parametrize(("make", "kind"), [(os.mkfifo, "a pipe"), (None, "no file")])
+def test_what_is_no_file_is_refused_before_it_is_opened(tmp_path, make, kind):
+    path = Path(os.devnull)
+    if make:
+        path = tmp_path / "pipe"  # opening it would wait for a writer
+        make(path)
+    with pytest.raises(InputError, match=f"{path}: is {kind}; save the recording as a file first"):
+        open_recording(path)
+
+
 def test_who_watches_is_told_how_far_each_pass_is(tmp_path, monkeypatch):
     said: list[object] = []
 
@@ -157,6 +211,8 @@ def test_read_is_the_short_name(tmp_path):
         (b"\x89HDF\r\n\x1a\n", "HDF5 or MATLAB 7.3"),
         (b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n", "HDF5 or MATLAB 7.3"),
         (b"// Start Time: now\nPacketCounter\tAcc_X\n", "Xsens text export"),
+        (b"// Start Time: now\ntime\tAcc_X\n", "CSV"),
+        (b"\xef\xbb\xbf1,2,-3e5\n", "text of numbers"),
         (b"# a comment\n1.0 2.0 3.0\n", "text of numbers"),
         (b"1,2,-3e5\n", "text of numbers"),
         (b"time [s],accel_x [g]\n", "CSV"),

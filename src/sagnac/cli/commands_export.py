@@ -64,7 +64,9 @@ def export(
     ] = None,
     instance: Annotated[
         int | None,
-        typer.Option(help="Which sensor of the autopilot: PX4 0 to 3, ArduPilot 1 to 3; default: its first."),
+        typer.Option(
+            help="Which sensor of the autopilot: PX4 0 to 3, ArduPilot 1 to 5; default: that of the log, else the first."
+        ),
     ] = None,
     temperature: Annotated[
         str | None, typer.Option(help="Of the unit when it was calibrated: '25 degC'.", metavar="TEXT")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
+from ..formats.ardupilot.correction import names
 from ..sensors import AXES
 from . import autopilot
 from .canonical import Canonical, Linear
@@ -16,8 +17,9 @@ from .loss import lost
 from .record import Exported, Options
 from .wording import comments, encoded, header, single
 
-_INSTANCES = {1: "", 2: "2", 3: "3"}
-_SENSORS = {"accel": ("ACC", "m/s^2"), "gyro": ("GYR", "rad/s")}
+_LOG = "ArduPilot DataFlash"
+_INSTANCES = 5
+_UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
 _ZERO_CELSIUS = 273.15
 _SCALE = (0.8, 1.2)
 _OFFSET, _USUAL_OFFSET = 9.80665, 3.5
@@ -31,14 +33,17 @@ def build(canonical: Canonical, options: Options) -> Exported:
     InputError
         When the instance is not there, or ArduPilot's own calibration would refuse the numbers.
     """
-    instance = 1 if options.instance is None else options.instance
-    if instance not in _INSTANCES:
-        raise InputError(f"--instance {instance}: ArduPilot's INS_ parameters are of the instances 1, 2 and 3")
+    kind = next(iter(canonical.triads))
+    instance, told = autopilot.instance(
+        canonical.calibration, _LOG, options.instance, 1, lambda number: f"{names(number - 1)[kind]}_X, ..."
+    )
+    if not 1 <= instance <= _INSTANCES:
+        raise InputError(f"--instance {instance}: ArduPilot's INS_ parameters are of the instances 1 to {_INSTANCES}")
     if "accel" in canonical.triads:
         _check(canonical.triads["accel"])
     dropped = lost(canonical.triads, {k: autopilot.held(t) for k, t in canonical.triads.items()})
     temperature, remarks = _temperature(canonical, options)
-    remarks += [text for triad in canonical.triads.values() for text in _advice(triad)]
+    remarks = [*told, *remarks, *(text for triad in canonical.triads.values() for text in _advice(triad))]
     lines = comments(header(canonical, dropped, remarks))
     for kind in canonical.triads:
         lines += _parameters(canonical, kind, instance, temperature)
@@ -46,19 +51,16 @@ def build(canonical: Canonical, options: Options) -> Exported:
 
 
 def _parameters(canonical: Canonical, kind: str, instance: int, temperature: float | None) -> list[str]:
-    word, unit = _SENSORS[kind]
-    # the first instance has older names: INS_ACCOFFS_X, INS_GYROFFS_X, but INS_ACC2OFFS_X, INS_GYR2OFFS_X
-    names = [f"INS_{word}{_INSTANCES[instance]}OFFS", f"INS_{word}{_INSTANCES[instance]}SCAL"]
-    if kind == "gyro":
-        names = ["INS_GYROFFS" if instance == 1 else names[0]]
+    own = names(instance - 1)
+    written = [(own[kind], _UNITS[kind])] + ([(own["scale"], "1")] if kind == "accel" else [])
     values = np.stack(autopilot.offset_and_scale(canonical.triads[kind]))
     sigma = canonical.uncertainty(lambda triads: np.stack(autopilot.offset_and_scale(triads[kind])))
     out = []
-    for name, own, number, uncertainty in zip(names, (unit, "1"), values, sigma, strict=False):
+    for (name, unit), number, uncertainty in zip(written, values, sigma, strict=False):  # gyros have no scale
         for axis, value, u in zip(AXES.upper(), number, uncertainty, strict=True):
-            out += [f"# {name}_{axis}: standard uncertainty {u:.1e} {own}", f"{name}_{axis},{single(value)}"]
+            out += [f"# {name}_{axis}: standard uncertainty {u:.1e} {unit}", f"{name}_{axis},{single(value)}"]
     if temperature is not None:
-        out.append(f"INS_{word}{instance}_CALTEMP,{single(temperature - _ZERO_CELSIUS)}")
+        out.append(f"{own[f'{kind}_calibrated']},{single(temperature - _ZERO_CELSIUS)}")
     return out
 
 

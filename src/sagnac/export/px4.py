@@ -19,6 +19,7 @@ from .loss import lost
 from .record import Exported, Options
 from .wording import comments, encoded, header, single
 
+_LOG = "PX4 ULog"
 _SLOTS = 4
 _SENSORS = {"accel": "ACC", "gyro": "GYRO"}
 _LEAST_CHANGE = 0.01
@@ -34,13 +35,16 @@ def build(canonical: Canonical, options: Options) -> Exported:
     InputError
         When PX4 has no such slot, or would not take a scale.
     """
-    slot = options.instance or 0
+    first = _SENSORS[next(iter(canonical.triads))]
+    slot, told = autopilot.instance(
+        canonical.calibration, _LOG, options.instance, 0, lambda number: f"CAL_{first}{number}_XOFF, ..."
+    )
     if not 0 <= slot < _SLOTS:
         raise InputError(f"--instance {slot}: PX4 has the calibration slots 0 to {_SLOTS - 1}")
     for triad in canonical.triads.values():
         autopilot.check_gain(triad, _LEAST_SCALE, math.inf, "PX4 takes positive scales only")
     dropped = lost(canonical.triads, {k: autopilot.held(t) for k, t in canonical.triads.items()})
-    remarks = [text for triad in canonical.triads.values() for text in _ignored(triad)]
+    remarks = [*told, *(text for triad in canonical.triads.values() for text in _ignored(triad))]
     absent = [kind for kind in canonical.triads if kind not in options.device_id]
     if absent:
         names = " and ".join(f"CAL_{_SENSORS[kind]}{slot}_ID" for kind in absent)
@@ -48,6 +52,7 @@ def build(canonical: Canonical, options: Options) -> Exported:
             f"{names} not in the file: PX4 applies these numbers to the sensors whose identifiers it holds there already; "
             f"--device-id {','.join(f'{kind}=N' for kind in absent)} writes them"
         )
+    remarks.append(_changed_by_itself(canonical))
     lines = comments(["Onboard parameters for Vehicle 1", "", *header(canonical, dropped, remarks), ""])
     lines += ["# Vehicle-Id Component-Id Name Value Type"]
     lines += [line for kind in canonical.triads for line in _parameters(canonical, kind, slot, options)]
@@ -89,3 +94,9 @@ def _ignored(triad: Linear) -> list[str]:
         "set_offset and set_scale (2020 to 2022) leave so small a change out"
     )
     return [remark]
+
+
+def _changed_by_itself(canonical: Canonical) -> str:
+    """``VehicleIMU.cpp`` (``SensorCalibrationSaveAccel``, ``..Gyro``) and the module ``gyro_calibration``, on by default."""
+    text = "PX4 goes on changing these offsets by itself, by what its estimator finds, unless SENS_IMU_AUTOCAL is 0"
+    return text + (", and those of the gyros at rest unless IMU_GYRO_CAL_EN is 0" if "gyro" in canonical.triads else "")

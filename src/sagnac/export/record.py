@@ -33,7 +33,8 @@ class Options:
     device_id : mapping of str to int
         Identifiers of the autopilot's ``accel`` and ``gyro``.
     instance : int, optional
-        Which of the autopilot's sensors; its own count.
+        Which of the autopilot's sensors, as its parameters count: PX4 from 0, ArduPilot from 1. By default that of the recording
+        that the calibration was made from, or the first where this is not known.
     temperature : float, K, optional
         Of the calibration; counts before the recording's.
     """

@@ -6,8 +6,9 @@ returns a :class:`Table`. Which sensor is meant, in which unit, is only known he
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
@@ -16,7 +17,9 @@ from .table import Fault, Table
 
 __all__ = ["FORMATS", "Fault", "Format", "Table", "format_of", "open_table"]
 
-_HEAD = 4096
+_HEAD = 1 << 16  # as far as the readers of text look for their first line behind comments
+_MARK = b"\xef\xbb\xbf"  # byte order mark of UTF-8
+_COMMENTS = (b"#", b"%", b"//")
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,7 @@ class Format:
         For messages.
     module : str
     recognised : callable
-        Tells from the first 4 kB whether a file is of this format.
+        Tells from the first 64 kB, without a byte order mark, whether a file is of this format.
     several : bool
         Whether a file may hold several recordings, of which `select` names one.
     """
@@ -49,23 +52,30 @@ def _hdf5(head: bytes) -> bool:
     return any(head[at : at + 8] == b"\x89HDF\r\n\x1a\n" for at in (0, 512, 1024, 2048))
 
 
-def _content(head: bytes) -> list[bytes]:
-    """Lines that are neither blank nor comments, the last one perhaps cut off."""
-    lines = (line.strip() for line in head.replace(b"\r", b"\n").split(b"\n"))
-    return [line for line in lines if line and not line.startswith((b"#", b"%", b"//", b"\xef\xbb\xbf#"))]
+def _split(head: bytes) -> tuple[list[bytes], bytes]:
+    """Comment lines, and the first line that is neither blank nor comment; that one is empty where there is none."""
+    comments: list[bytes] = []
+    for raw in head.splitlines():
+        line = raw.strip()
+        if line and not line.startswith(_COMMENTS):
+            return comments, line
+        comments.append(line)
+    return comments, b""
 
 
 def _xsens(head: bytes) -> bool:
-    """Whether it is text with Xsens' comment lines, or its own names of columns."""
-    lines = _content(head)
-    known = (b"PacketCounter", b"SampleTimeFine", b"Acc_X", b"Gyr_X")
-    return bool(lines) and b"\0" not in head and any(name in lines[0] for name in known)
+    """Whether it is a text export of MT Manager."""
+    from .text.xsens_marks import is_export
+
+    comments, line = _split(head)
+    return b"\0" not in head and is_export(
+        [c.decode(errors="replace") for c in comments], line.decode(errors="replace")
+    )
 
 
 def _bare_numbers(head: bytes) -> bool:
     """Whether the first line that says anything is numbers alone."""
-    lines = _content(head)
-    fields = lines[0].replace(b",", b" ").replace(b";", b" ").split() if lines else []
+    fields = _split(head)[1].replace(b",", b" ").replace(b";", b" ").split()
     try:
         return bool([float(field) for field in fields])
     except ValueError:
@@ -95,19 +105,23 @@ def format_of(path: str | Path) -> Format:
     Raises
     ------
     InputError
-        When the file is missing or empty.
+        When the file is missing or empty, or is none: a pipe cannot be read twice.
     """
     path = Path(path)
-    if path.is_dir():
-        return next(f for f in FORMATS if f.module == "ros.bag2")
     try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            return next(f for f in FORMATS if f.module == "ros.bag2")
+        if not stat.S_ISREG(mode):  # opening a pipe would wait, reading it would use it up
+            kind = "a pipe" if stat.S_ISFIFO(mode) else "no file"
+            raise InputError(f"{path}: is {kind}; save the recording as a file first")
         with path.open("rb") as stream:
             head = stream.read(_HEAD)
     except OSError as cause:
         raise InputError(f"{path}: cannot read: {cause.strerror}") from cause
     if not head:
         raise InputError(f"{path}: the file is empty")
-    return next(f for f in FORMATS if f.recognised(head))
+    return next(f for f in FORMATS if f.recognised(head.removeprefix(_MARK)))
 
 
 def open_table(path: str | Path, select: str | None = None) -> Table:
@@ -136,4 +150,4 @@ def open_table(path: str | Path, select: str | None = None) -> Table:
     else:
         opened = module.open_table(path)
     assert isinstance(opened, Table)
-    return opened
+    return replace(opened, format=found.name)

@@ -14,6 +14,8 @@ from ..frames import Array
 Ticks = NDArray[np.int64]
 GAP = 1.5
 """No value is found between neighbours that lie further apart than this many usual steps."""
+_BUNCH = 64
+"""Samples that a bunch may have: chips and their drivers collect up to 32."""
 _PENDING = 1 << 18  # samples that wait for the other sensor: what bounds the memory when one falls silent
 
 
@@ -70,7 +72,8 @@ class Joiner:
     def __init__(self, name: str, step: float, other: int = 0) -> None:
         self._name, self._limit = name, GAP * step
         self._accel, self._gyro = Stream.empty(other), Stream.empty()
-        self._last = np.iinfo(np.int64).min  # time of the accelerometers' last sample
+        none = np.empty(0, dtype=np.int64)
+        self._last = {"accelerometers": none, "gyros": none}  # times of the last samples
         self.lost = 0
 
     def add(self, accel: Stream | None, gyro: Stream | None) -> tuple[Stream, Stream]:
@@ -79,15 +82,17 @@ class Joiner:
         Raises
         ------
         InputError
-            When the time of the accelerometers does not increase.
+            When the time of one of them does not increase.
         """
         if accel is not None and accel.time.size:
-            self._check(accel.time)
+            self._check("accelerometers", accel.time)
             self._accel = self._accel.then(accel)
         if gyro is not None and gyro.time.size:
+            self._check("gyros", gyro.time)
             self._gyro = gyro if not self._gyro.time.size else self._gyro.then(gyro)
         waiting = self._gyro.time
-        ready = int(np.argmax(waiting > self._last)) if np.any(waiting > self._last) else waiting.size
+        last = self._last["accelerometers"]
+        ready = int(np.searchsorted(waiting, last[0], "right")) if last.size else 0
         joined = self._joined(self._gyro[:ready])
         self._gyro = self._gyro[ready:]
         if ready:  # neither the sample before the last row nor those after it are done with
@@ -119,13 +124,13 @@ class Joiner:
         values = np.where(met[:, None], first, first * (1.0 - share) + second * share)
         return Stream(gyro.time, values, self._accel.other[before]), gyro
 
-    def _check(self, time: Ticks) -> None:
-        known = np.concatenate((self._accel.time[-1:], time))
+    def _check(self, sensors: str, time: Ticks) -> None:
+        known = np.concatenate((self._last[sensors], time))
         wrong = np.flatnonzero(known[1:] <= known[:-1])
         if wrong.size:
             times = "from {:.6f} s to {:.6f} s".format(*(known[wrong[0] :][:2] * 1e-6))
-            raise InputError(f"{self._name}: the time of the accelerometers goes {times}; it must increase")
-        self._last = time[-1]
+            raise InputError(f"{self._name}: the time of the {sensors} goes {times}; it must increase")
+        self._last[sensors] = time[-1:].copy()
 
     def _forget(self) -> None:
         surplus = self._gyro.time.size - _PENDING
@@ -135,8 +140,19 @@ class Joiner:
 
 
 def usual_step(time: Ticks) -> float:
-    """Step that nine in ten do not exceed, so that samples logged in bunches are no gaps, in us."""
-    return float(np.quantile(np.diff(time), 0.9)) if time.size > 1 else 0.0
+    """Usual step, in us; of samples that are logged in bunches that between the bunches, so that these are no gaps.
+
+    It is the step that holds the middle of the time: few steps are those between bunches, and most of the time lies in them.
+    Steps as rare as one in :data:`_BUNCH` count no longer than the longest of the others, so that a real gap does not hold
+    the middle. Nor is it shorter than what nine steps in ten do not exceed, however irregular these are.
+    """
+    steps = np.sort(np.diff(time.astype(float)))
+    steps = steps[steps > 0]  # others are refused where samples are joined
+    if not steps.size:
+        return 0.0
+    held = np.minimum(steps, steps[(steps.size - 1) * (_BUNCH - 1) // _BUNCH])
+    until = np.cumsum(held)
+    return float(max(held[np.searchsorted(until, until[-1] / 2.0)], np.quantile(steps, 0.9)))
 
 
 def rate(time: Ticks) -> float:

@@ -25,14 +25,14 @@ def open_table(path: Path) -> Table:
 
     try:
         with parquet.ParquetFile(path) as stream:
-            raw = tuple(stream.schema_arrow.names)
+            schema = stream.schema_arrow
     except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
         raise InputError(f"{path}: damaged Parquet file: {cause}") from cause
-    stripped = [name.strip() for name in raw]
+    stripped = [name.strip() for name in schema.names]
     twice = sorted({n for n in stripped if stripped.count(n) > 1})
     if twice:
         raise InputError(f"{path}: these columns stand more than once: {', '.join(twice)}")
-    names = dict(zip(stripped, raw, strict=True))
+    names = dict(zip(stripped, schema.names, strict=True))
 
     def read(numeric: Sequence[str], other: Sequence[str]) -> Iterator[Any]:
         target = None
@@ -49,4 +49,5 @@ def open_table(path: Path) -> Table:
             place = f" in column {target!r}" if target else ""
             raise InputError(f"{path}: cannot read the numbers{place}: {cause}") from cause
 
-    return Table(path, tuple(names), read)
+    whole = frozenset(n for n, kind in zip(stripped, schema.types, strict=True) if pa.types.is_integer(kind))
+    return Table(path, tuple(names), read, whole=whole)

@@ -44,6 +44,16 @@ class Table:
         Bytes read so far by the latest `read`, of the size of the file; None where the format cannot tell.
     size : int
         Bytes in all, where `position` can tell.
+    choice : str or None
+        Which of several recordings this is, as `select` takes it, where the format has such.
+    format : str or None
+        Name of the format, see :data:`sagnac.formats.FORMATS`; :func:`sagnac.formats.open_table` fills it in.
+    whole : frozenset of str
+        Columns that the file holds as integers: among the `other` of `read` they come exactly as they are.
+    samples : int
+        Rows in all, where the file says so without being read.
+    besides : tuple of Table
+        Columns of other lengths in the same file, those of each length together: for who asks for them by name.
     """
 
     path: Path
@@ -52,3 +62,8 @@ class Table:
     remarks: Sequence[str] = ()
     position: Callable[[], int] | None = field(default=None, repr=False)
     size: int = 0
+    choice: str | None = None
+    format: str | None = None
+    whole: frozenset[str] = frozenset()
+    samples: int = 0
+    besides: tuple[Table, ...] = ()

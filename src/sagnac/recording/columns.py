@@ -41,17 +41,10 @@ class Channel:
 def headers(columns: tuple[str, ...], rename: Mapping[str, str], path: Path) -> dict[str, tuple[str, str | None]]:
     """Standard name -> (column, unit text), by the headers themselves and by what the user renames."""
     parsed = {column: header_parts(column) for column in columns}
-    rename = _by_axis(rename, parsed)
-    out: dict[str, tuple[str, str | None]] = {}
-    owner: dict[str, str] = {}
-    for name, own in rename.items():
-        column = _renamed(name, own, parsed, path)
-        if column in owner:
-            raise InputError(f"--map {name}={own}: the column {column!r} of {path} is {owner[column]} already")
-        owner[column] = name
-        out[name] = (column, parsed[column][1])
+    renamed = mapped(columns, rename, path)
+    out = {name: (column, parsed[column][1]) for name, column in renamed.items()}
     for column, (bare, unit_text) in parsed.items():
-        if bare not in NAMES or bare in rename or column in owner:
+        if bare not in NAMES or bare in renamed or column in renamed.values():
             continue
         if bare in out:
             raise InputError(
@@ -62,21 +55,35 @@ def headers(columns: tuple[str, ...], rename: Mapping[str, str], path: Path) -> 
     return out
 
 
+def mapped(columns: tuple[str, ...], rename: Mapping[str, str], path: Path) -> dict[str, str]:
+    """Standard name -> column, of what the user renames alone."""
+    parsed = {column: header_parts(column) for column in columns}
+    out: dict[str, str] = {}
+    for name, own in _by_axis(rename, parsed).items():
+        column = _renamed(name, own, parsed, path)
+        owner = next((n for n, c in out.items() if c == column), None)
+        if owner is not None:
+            raise InputError(f"--map {name}={own}: the column {column!r} of {path} is {owner} already")
+        out[name] = column
+    return out
+
+
 def header_parts(column: str) -> tuple[str, str | None]:
     """Name and unit text of a header, ``accel_x [g]``; the unit is None when there are no brackets at its end."""
     match = _HEADER.fullmatch(column)
     return (match[1].strip(), match[2].strip()) if match else (column.strip(), None)
 
 
-def _by_axis(rename: Mapping[str, str], parsed: Mapping[str, object]) -> dict[str, str]:
-    """``accel=acc`` as the three columns of a matrix, acc.1, acc.2 and acc.3."""
+def _by_axis(rename: Mapping[str, str], parsed: Mapping[str, tuple[str, str | None]]) -> dict[str, str]:
+    """``accel=acc`` as the three columns of a matrix, acc.1, acc.2 and acc.3, whatever unit stands behind."""
+    known = {*parsed, *(bare for bare, _ in parsed.values())}
     out: dict[str, str] = {}
     for name, own in rename.items():
         if name not in SENSORS:
             out[name] = own
             continue
         columns = [f"{own}.{k}" for k in (1, 2, 3)]
-        if any(c not in parsed for c in columns):
+        if any(c not in known for c in columns):
             raise InputError(
                 f"--map {name}={own}: there are no columns {', '.join(columns)}; name the axes one by one, "
                 f"{name}_x=..., {name}_y=..., {name}_z=...; the columns are: {', '.join(parsed)}"

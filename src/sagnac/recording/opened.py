@@ -13,7 +13,8 @@ import numpy as np
 from .. import formats, units
 from ..errors import InputError
 from ..frames import Array
-from .columns import RIG, Channel, channel, headers, refuse_unknown
+from .clock import Clock
+from .columns import RIG, Channel, channel, headers, mapped, refuse_unknown
 from .record import SENSORS, Batch, Recording, sample_interval
 
 Watch = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
@@ -63,8 +64,8 @@ def open_recording(
     """
     for option, given in (("units", units_of or {}), ("scale", scale or {})):
         refuse_unknown(option, given)
-    table = formats.open_table(path, select)
     path = Path(path)
+    table = _meant(formats.open_table(path, select), rename or {}, path)
     channels: dict[str, Channel] = {}
     counts: set[str] = set()
     for name, (column, unit_text) in headers(table.columns, rename or {}, path).items():
@@ -76,10 +77,12 @@ def open_recording(
     used = {c.column for c in channels.values()}
     other = tuple(c for c in table.columns if c not in used)
     faults: list[str] = []
+    clock: list[str] = []
 
     def stream(with_other: bool) -> Iterator[Batch]:
         pieces = _told(table, channels, other if with_other else (), watch)
-        return _in_si(path, _sound(pieces, partial, faults), channels, step, other if with_other else ())
+        time = Clock(channels["time"], clock) if step is None else step
+        return _in_si(path, _sound(pieces, partial, faults), channels, time, other if with_other else ())
 
     counted = {s for s, axes in present.items() if any(channels[a].counted for a in axes)}
     return Recording(
@@ -94,8 +97,24 @@ def open_recording(
         single=frozenset(a for s, axes in present.items() if s not in has for a in axes),
         rig=frozenset(RIG) & channels.keys(),
         axes={a: (channels[a].column, channels[a].factor) for axes in present.values() for a in axes},
-        _remarks=(table.remarks, faults),
+        format=table.format,
+        select=table.choice,
+        _remarks=(table.remarks, clock, faults),
     )
+
+
+def _meant(table: formats.Table, rename: Mapping[str, str], path: Path) -> formats.Table:
+    """Of a file with columns of several lengths those that are as long as the renamed ones."""
+    tables = (table, *table.besides)
+    if not rename or len(tables) == 1:
+        return table
+    columns = mapped(tuple(c for t in tables for c in t.columns), rename, path)
+    meant = {name: next(t for t in tables if column in t.columns) for name, column in columns.items()}
+    lengths = {t.samples: t for t in meant.values()}
+    if len(lengths) > 1:
+        told = ", ".join(f"{name}={columns[name]} ({t.samples} samples)" for name, t in meant.items())
+        raise InputError(f"{path}: the columns named by --map have different lengths: {told}")
+    return next(iter(lengths.values()))
 
 
 def _step(rate: str | None, has_time: bool, path: Path, columns: tuple[str, ...]) -> float | None:
@@ -133,8 +152,8 @@ def _told(
     table: formats.Table, channels: Mapping[str, Channel], other: tuple[str, ...], watch: Watch | None
 ) -> Iterator[Any]:
     """The rows of a table, with word of how far the reading has come."""
-    columns = list(dict.fromkeys(c.column for c in channels.values()))
-    pieces = table.read(columns, other)
+    columns = _doubles(channels, table.whole)
+    pieces = table.read(columns, tuple(c.column for c in channels.values() if c.column not in columns) + other)
     if watch is None or table.position is None:
         yield from pieces
         return
@@ -142,6 +161,11 @@ def _told(
         for piece in pieces:
             tell(table.position())
             yield piece
+
+
+def _doubles(channels: Mapping[str, Channel], whole: frozenset[str]) -> list[str]:
+    """Columns to be read as doubles: all but a time in whole numbers, which may be more than a double holds."""
+    return [c.column for name, c in channels.items() if name != "time" or c.column not in whole]
 
 
 def _sound(pieces: Iterator[Any], partial: bool, faults: list[str]) -> Iterator[Any]:
@@ -163,20 +187,21 @@ def _in_si(
     path: Path,
     pieces: Iterator[Any],
     channels: Mapping[str, Channel],
-    step: float | None,
+    clock: Clock | float,
     other: tuple[str, ...],
 ) -> Iterator[Batch]:
-    """Rows as batches in SI; time counted from the rows where there is a `step`."""
+    """Rows as batches in SI; time counted from the rows where there is only the step between them."""
     row, interval = 1, 0.0
-    columns = list(dict.fromkeys(c.column for c in channels.values()))
+    read = {n: c for n, c in channels.items() if n != "time"}
     summed = [name for name, channel in channels.items() if channel.increment]
     for piece in _two_rows_first(pieces):
         size = piece.num_rows
-        values = {c: _floats(piece.column(i)) for i, c in enumerate(columns)}
         with np.errstate(over="ignore", invalid="ignore"):  # the checks of the batch find what is not finite
-            si = {n: values[c.column] * c.factor + c.offset for n, c in channels.items()}
-            if step is not None:
-                si["time"] = (row - 1 + np.arange(size)) * step
+            si = {n: _floats(piece.column(c.column)) * c.factor + c.offset for n, c in read.items()}
+            if isinstance(clock, Clock):
+                si["time"] = clock.seconds(piece.column(channels["time"].column))
+            else:
+                si["time"] = (row - 1 + np.arange(size)) * clock
             if summed and row == 1:
                 interval = _counting_interval(path, si["time"])
             for name in summed:

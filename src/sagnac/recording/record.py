@@ -76,6 +76,10 @@ class Recording:
         Names of the rig columns, see :class:`Batch`.
     axes : mapping of str to (str, float)
         Axis of a sensor (``gyro_x``) -> its column in the file, and what its numbers are multiplied by.
+    format : str or None
+        Name of the file's format (:data:`sagnac.formats.FORMATS`).
+    select : str or None
+        Which of several recordings in the file, in the words of the format, where it may hold several.
     """
 
     name: str
@@ -89,6 +93,8 @@ class Recording:
     single: frozenset[str] = frozenset()
     rig: frozenset[str] = frozenset()
     axes: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    format: str | None = None
+    select: str | None = None
     _remarks: tuple[Sequence[str], ...] = field(default=(), repr=False)
     _warmth: list[Array] = field(default_factory=list, repr=False)
 

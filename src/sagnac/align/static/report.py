@@ -120,7 +120,8 @@ def _end(blocks: Blocks) -> float:
 
 def _source(recording: Recording, blocks: Blocks) -> tuple[Source, ...]:
     digest = sha256(recording.path) if recording.path is not None else None
-    return (Source(file=recording.name, sha256=digest, start=blocks.start, stop=_end(blocks)),)
+    which, chosen, stop = recording.format, recording.select, _end(blocks)
+    return (Source(file=recording.name, format=which, select=chosen, sha256=digest, start=blocks.start, stop=stop),)
 
 
 def _place(place: Place, velocity: Array, sigmas: Array) -> tuple[Value, ...]:

@@ -6,6 +6,7 @@ Labels, units and what is logged where: ArduPilot, ``libraries/AP_InertialSensor
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -48,7 +49,29 @@ def open_table(path: Path, select: str | None = None) -> Table:
             names = [*numeric, *other]
             yield pa.RecordBatch.from_arrays([pa.array(columns[n], types.get(n)) for n in names], names=names)
 
-    return Table(path, reader.columns, read, remarks, lambda: reader.log.position, path.stat().st_size)
+    choice = f"{'IMU' if len(keys) == 1 else 'RAW'}/{reader.instance}"
+    return Table(path, reader.columns, read, remarks, lambda: reader.log.position, path.stat().st_size, choice)
+
+
+def _filtered(parameters: correction.Parameters) -> list[str]:
+    """A word on messages that hold filtered samples.
+
+    AP_InertialSensor_Backend.cpp, log_accel_raw and log_gyro_raw: bit 1 of INS_LOG_BAT_OPT, unless INS_LOG_BAT_MASK is 0. With
+    bit 0 (rate of the sensor) or 2 (both) beside it, later versions log filtered and unfiltered batches in turn. For gyros
+    INS_RAW_LOG_OPT says so since it came, bit 2; with bit 3 both are logged, the filtered ones under instances of their own.
+    """
+    raw, batch = "INS_RAW_LOG_OPT", "INS_LOG_BAT_OPT"
+    known = {n: int(v) for n, v in parameters.items() if n in {raw, batch} and math.isfinite(v)}
+    bits = known.get(batch, 0) if parameters.get("INS_LOG_BAT_MASK", 1.0) else 0
+    how = "were" if bits & 0b111 == 0b010 else "may in part have been" if bits & 0b100 or bits & 0b11 == 0b11 else ""
+    found = {"ACC": ("accelerometers", how, batch), "GYR": ("gyros", how, batch)}
+    if raw in known:
+        found["GYR"] = "gyros", "were" if known[raw] & 0b1100 == 0b0100 else "", raw
+    return [
+        f"samples in {name} {how} logged behind the filters of the {sensors} ({cause})"
+        for name, (sensors, how, cause) in found.items()
+        if how
+    ]
 
 
 class _Reader:
@@ -69,17 +92,15 @@ class _Reader:
         known = self.found.parameters
         named = " and ".join(name for name, _ in self.keys)
         taken = correction.text(self.first, known)
-        out = [
-            f"messages {named}, instance {self.instance}: the autopilot's correction of the samples was taken back: {taken}"
-        ]
+        whose = f"instance {self.instance} ({correction.names(self.instance)['accel']}_X, ...)"
+        out = [f"messages {named}, {whose}: the autopilot's correction of the samples was taken back: {taken}"]
         filters = [f"{n} {known[n]:g} Hz" for n in ("INS_ACCEL_FILTER", "INS_GYRO_FILTER") if n in known]
         if len(self.keys) == 1:
             out.append(
                 f"samples in IMU were low-pass filtered ({', '.join(filters) or 'cut-off unknown'}) and thinned out"
             )
             return out
-        if int(known.get("INS_RAW_LOG_OPT", 0)) & 4:
-            out.append("samples in GYR were logged behind the filters of the gyros (INS_RAW_LOG_OPT)")
+        out += _filtered(known)
         joined = remark(*(self.found.time(key) for key in self.keys))
         return out + ([joined] if joined else [])
 

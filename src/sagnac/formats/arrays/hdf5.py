@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ..table import Fault, Table
 from .hdf5_attributes import LONGEST_TEXT, attribute, heaps_are_sound, units
+from .hdf5_packed import unpacked
 from .variables import WIDEST, Rows, Variable, column_names, table
 
 _TRUNCATED = re.compile(r"truncated file: eof = (\d+), .*stored_eof = (\d+)")
@@ -82,7 +83,7 @@ def _survey(path: Path, file: Any) -> list[Variable]:
             _refuse_bomb(path, item, size)
             for variable in _variables(path, name, item):
                 given = () if item.dtype.names else units(item, len(variable.names), sound)
-                found.append(replace(variable, units=given))
+                found.append(unpacked(path, item, replace(variable, units=given)))
 
     file.visititems(visit)
     return [_with_unit(v, texts) for v in found]
@@ -124,7 +125,7 @@ def _variable(
         return _Slices(path, file[where], part, columns, across=across)
 
     dotted = ".".join(p.strip() for p in name.split("/"))
-    return [Variable(dotted, length, column_names(dotted, width), kind.itemsize, (), rows)]
+    return [Variable(dotted, length, column_names(dotted, width), kind.itemsize, (), rows, whole=kind.kind in "iu")]
 
 
 def _with_unit(variable: Variable, texts: dict[str, str]) -> Variable:

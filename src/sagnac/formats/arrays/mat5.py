@@ -48,7 +48,8 @@ def _variable(array: Numbers, texts: dict[str, str]) -> Variable:
     def rows(file: BinaryIO, columns: Sequence[int]) -> Rows:
         return _Rows(array, file, columns)
 
-    return Variable(array.name, length, names, array.kind.itemsize, (unit,) * width if unit else (), rows)
+    units = (unit,) * width if unit else ()
+    return Variable(array.name, length, names, array.kind.itemsize, units, rows, whole=array.kind.kind in "iu")
 
 
 class _Rows:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -50,6 +50,8 @@ class Variable:
         One per column where the file gives units, else empty.
     rows : callable
         ``rows(file, columns)`` gives :class:`Rows` of columns given by their index.
+    whole : bool
+        Whether its numbers are integers in the file.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Variable:
     itemsize: int
     units: tuple[str, ...]
     rows: Callable[[Any, Sequence[int]], Rows]
+    whole: bool = False
 
     @property
     def headers(self) -> tuple[str, ...]:
@@ -79,6 +82,8 @@ def table(
 ) -> Table:
     """Table of the arrays that belong together: those as long as the one named time, else the longest.
 
+    The arrays of other lengths stand beside it, each length in a table of its own, for who asks for them by name.
+
     Parameters
     ----------
     path : Path
@@ -98,10 +103,24 @@ def table(
     if not found:
         raise InputError(f"{path}: no array of numbers with more than one sample in it")
     length = max([v.length for v in found if v.name.lower().split(".")[-1] == "time"] or [v.length for v in found])
-    chosen = [v for v in found if v.length == length]
-    places = {h: (v, i) for v in chosen for i, h in enumerate(v.headers)}
-    if len(places) < sum(len(v.names) for v in chosen):
-        raise InputError(f"{path}: several columns have one name: {_listed(chosen)}")
+    lengths = [length, *sorted({v.length for v in found} - {length})]
+    places = {n: {h: (v, i) for v in found if v.length == n for i, h in enumerate(v.headers)} for n in lengths}
+    unclear = {n for n in lengths if len(places[n]) < sum(len(v.names) for v in found if v.length == n)}
+    if length in unclear:
+        raise InputError(f"{path}: several columns have one name: {_listed([v for v in found if v.length == length])}")
+    tables = [_table(path, found, n, places[n], opened, fault) for n in lengths if n not in unclear]
+    return replace(tables[0], besides=tuple(tables[1:]))
+
+
+def _table(
+    path: Path,
+    found: Sequence[Variable],
+    length: int,
+    places: dict[str, tuple[Variable, int]],
+    opened: Callable[[], AbstractContextManager[Any]],
+    fault: Fault | None,
+) -> Table:
+    """Table of the arrays of one length."""
     left = [v for v in found if v.length != length]
     remarks = (
         (f"read are the arrays of {length} samples; left out, of another length: {_listed(left)}",) if left else ()
@@ -119,7 +138,8 @@ def table(
         if fault is not None:
             raise fault
 
-    return Table(path, tuple(places), read, remarks, position=lambda: seen[0], size=size)
+    whole = frozenset(h for h, (v, _) in places.items() if v.whole)
+    return Table(path, tuple(places), read, remarks, position=lambda: seen[0], size=size, whole=whole, samples=length)
 
 
 def _listed(variables: Sequence[Variable]) -> str:

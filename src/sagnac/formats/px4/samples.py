@@ -28,6 +28,7 @@ _OPTIONAL = {
 }
 _ALONG = ("temperature", "error_count", "clip_x", "clip_y", "clip_z")
 _END = 32766  # counts: PX4Gyroscope.cpp takes these, and those beyond, for the end of the range
+_REMEMBERED = 64  # messages by which it is told how many samples they usually have
 _EARLIEST = int(np.iinfo(np.int64).min)
 
 
@@ -64,6 +65,7 @@ class Samples:
             )
         self._path, self.topic, self._fifo, self.clipped = path, topic, topic.endswith("_fifo"), 0
         self._last: int | None = None  # time of the message before
+        self._counts = np.empty(0, dtype=np.int64)  # samples in the messages before
         self._clock = "timestamp_sample" if "timestamp_sample" in names else "timestamp"
         known = {self._clock: ("u", 0)} | (_UNROLLED if self._fifo else _PLAIN)
         known |= {n: kind for n, kind in _OPTIONAL.items() if n in names}
@@ -94,7 +96,8 @@ class Samples:
         """All that the chip had collected: evenly between the time of the message before, and its own of the last sample.
 
         A message tells the chip's own step too, but by that the samples of neighbours would overlap when one is read late. It
-        is used where the message before is missing.
+        is used where the message before is missing: where the time since then is longer than that of the samples by half a
+        usual message or more.
         """
         count, step = records["samples"].astype(np.int64), records["dt"].astype(float)
         room = records["x"].shape[1]
@@ -103,7 +106,11 @@ class Samples:
             ([max(int(time[0]) - 10**9, _EARLIEST) if self._last is None else self._last], time[:-1])
         )
         self._last = int(time[-1])
-        whole = (time > before) & (time - before < GAP * count * step)
+        self._counts = np.append(self._counts, count)
+        usual = np.quantile(self._counts, 0.25, method="lower")  # a small message that is lost before a large one
+        self._counts = self._counts[-_REMEMBERED:]
+        late = (GAP - 1.0) * np.minimum(count, usual)
+        whole = (time > before) & (time - before < (count + late) * step)
         step = np.where(whole, (time - before) / np.maximum(count, 1), step)
         behind = count[:, None] - 1 - np.arange(room)
         there = behind >= 0

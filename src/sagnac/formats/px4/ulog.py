@@ -52,7 +52,9 @@ def open_table(path: Path, select: str | None = None) -> Table:
             names = [*numeric, *other]
             yield pa.RecordBatch.from_arrays([pa.array(columns[n], types.get(n)) for n in names], names=names)
 
-    return Table(path, reader.columns, read, remarks, lambda: reader.log.position, path.stat().st_size)
+    topic = next(iter(sensors.values())).topic
+    choice = f"FIFO/{topic.instance}" if topic.name.endswith("_fifo") else str(topic.instance)
+    return Table(path, reader.columns, read, remarks, lambda: reader.log.position, path.stat().st_size, choice)
 
 
 def _remarks(sensors: Mapping[str, Sensor]) -> list[str]:

@@ -16,17 +16,18 @@ from .lines import unended
 
 _BLOCK = 1 << 23  # bytes read at a time: what bounds the memory
 _HEADER = 1 << 16
+_COMMENTS = ("#", "%", "//")
 _LINE = re.compile(r"\r\n|\n|\r")  # what pyarrow takes for the end of a line, and no more
 
 
 def open_table(path: Path) -> Table:
-    """Open a CSV file; lines before the header that start with ``#`` are comments.
+    """Open a CSV file; lines before the header that start with ``#``, ``%`` or ``//`` are comments.
 
     Raises
     ------
     InputError
-        When there is no header or a name stands twice. Fault (while reading) at a row with the wrong number of fields
-        or a field that is no number.
+        When there is no header, numbers stand in its place, or a name stands twice. Fault (while reading) at a row
+        with the wrong number of fields or a field that is no number.
     """
     layout = _layout(path)
     twice = sorted({n for n in layout.names if layout.names.count(n) > 1})
@@ -44,14 +45,28 @@ def open_table(path: Path) -> Table:
 def _layout(path: Path) -> Layout:
     lines = _LINE.split(_head(path))
     for i, line in enumerate(lines):
-        if line.strip() and not line.lstrip().startswith("#"):
+        if line.strip() and not line.lstrip().startswith(_COMMENTS):
             if i == len(lines) - 1 and path.stat().st_size > _HEADER:
                 break
             delimiter = max(",;\t", key=line.count)
             fields = next(csv.reader([line], delimiter=delimiter))
+            _refuse_numbers(path, i + 1, fields)
             names = tuple(name.strip() or f"column {k}" for k, name in enumerate(fields, 1))
             return Layout(path, i + 1, delimiter, names)
     raise InputError(f"{path}: no header line (time [s],accel_x [g],...) found in its first {_HEADER // 1024} kB")
+
+
+def _refuse_numbers(path: Path, line: int, fields: Sequence[str]) -> None:
+    """Refuse a first row of data in the header's place: it would be lost, and its numbers be names of columns."""
+    try:
+        numbers = [float(field) for field in fields if field.strip()]
+    except ValueError:
+        return
+    if numbers:
+        raise InputError(
+            f"{path}: line {line} is numbers alone where the header (time [s],accel_x [g],...) should stand; write a "
+            "header before it, or take quotes away from the numbers: columns without names are then 1, 2, ..."
+        )
 
 
 def _head(path: Path) -> str:

@@ -15,10 +15,10 @@ from ...errors import InputError
 from ..table import Table
 from . import rows
 from .lines import unended
+from .xsens_marks import PACKET, SENSOR, TICKS, by_mt_manager, delimiter, fields
 from .xsens_time import Clock, Counter, chosen
 
 _HEAD = 1 << 16
-_SENSOR = re.compile(r"(Acc|Gyr)_([XYZ])(?:\s*[\[(]([^\[\]()]*)[\])])?")
 _STANDARD = {"Acc": ("accel", "m/s^2"), "Gyr": ("gyro", "rad/s")}
 _OTHER = (
     (re.compile(r"VelInc_[XYZ]"), "{} [m/s]"),
@@ -41,7 +41,7 @@ def open_table(path: Path) -> Table:
     """
     layout, comments, first = _layout(path)
     named = any(re.match(r"time\b", name) for name in layout.names)
-    clock = Clock(()) if named else chosen(layout.names, first, comments)
+    clock = Clock(()) if named else chosen(path, layout.names, first, comments)
     names = {_header(name): name for name in layout.names}
     if len(names) < len(layout.names):
         raise InputError(f"{path}: columns stand more than once in the header: {', '.join(layout.names)}")
@@ -67,24 +67,21 @@ def _layout(path: Path) -> tuple[rows.Layout, tuple[str, ...], Mapping[str, str]
         if not line.strip() or line.lstrip().startswith(("//", "#", "%")):
             comments.append(line.strip())
             continue
-        delimiter = max("\t;, ", key=line.count)
-        fields = _fields(line, delimiter)
-        names = tuple(name.strip() or f"column {k}" for k, name in enumerate(fields, 1))
-        layout = rows.Layout(path, start, i + 2, delimiter, names)
+        mark = delimiter(line)
+        names = tuple(name.strip() or f"column {k}" for k, name in enumerate(fields(line), 1))
+        layout = rows.Layout(path, start, i + 2, mark, names)
         row = next((r for r in lines[i + 1 :] if r.strip()), b"").decode("utf-8", errors="replace")
-        return layout, tuple(comments), dict(zip(names, _fields(row, delimiter), strict=False))
-    raise InputError(
-        f"{path}: no header line (PacketCounter, SampleTimeFine, Acc_X, ...) in its first {_HEAD // 1024} kB"
-    )
+        return layout, tuple(comments), dict(zip(names, _row(row, mark), strict=False))
+    raise InputError(f"{path}: no header line ({PACKET}, {TICKS}, Acc_X, ...) in its first {_HEAD // 1024} kB")
 
 
-def _fields(line: str, delimiter: str) -> list[str]:
-    return line.split() if delimiter == " " else line.strip("\r\n").split(delimiter)
+def _row(line: str, mark: str) -> list[str]:
+    return line.split() if mark == " " else line.strip("\r\n").split(mark)
 
 
 def _header(name: str) -> str:
     """Standard name with the unit, for the columns whose meaning the export fixes."""
-    if match := _SENSOR.fullmatch(name):
+    if match := SENSOR.fullmatch(name):
         standard, unit = _STANDARD[match[1]]
         return f"{standard}_{match[2].lower()} [{match[3] or unit}]"
     return next((form.format(name) for known, form in _OTHER if known.fullmatch(name)), name)
@@ -92,10 +89,10 @@ def _header(name: str) -> str:
 
 def _need_units(path: Path, names: Sequence[str], clock: Clock, comments: Sequence[str]) -> None:
     """Refuse a file without MT Manager's comments: a DOT's has the same names, but ticks of 1 us and rates in deg/s."""
-    if any(line.startswith("//") for line in comments):
+    if by_mt_manager(comments, names):
         return
     bare = [n for n in names if re.fullmatch("Gyr_[XYZ]", n)]
-    bare += [n for n in clock.columns if n == "SampleTimeFine"]
+    bare += [n for n in clock.columns if n == TICKS]
     if bare:
         raise InputError(
             f"{path}: without the comment lines of MT Manager nothing says the unit of {', '.join(bare)}. If "

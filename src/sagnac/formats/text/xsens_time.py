@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ... import units
 from ...errors import InputError
 from ...frames import Array
+from .xsens_marks import PACKET, TICKS
 
-TICKS = "SampleTimeFine"
-PACKETS = ("PacketCounter", "Counter")  # the second in exports of old versions
+PACKETS = (PACKET, "Counter")  # the second in exports of old versions
 _UTC = tuple(f"UTC_{part}" for part in ("Year", "Month", "Day", "Hour", "Minute", "Second", "Nano"))
-_RATE = re.compile(r"//.*(?:update|sampl\w+)\s*rate\W*([0-9]+(?:\.[0-9]+)?)", re.IGNORECASE)
+_RATE = re.compile(r"//.*(?:update|sampl\w+)\s*rate\W*([0-9].*)", re.IGNORECASE)
 _TICK = 1e-4  # s
 _PERIOD = {TICKS: 2.0**32} | dict.fromkeys(PACKETS, 2.0**16)  # where the counters begin again
 
@@ -43,17 +44,24 @@ class Clock:
         return bool(self.columns) and (self.columns[0] not in PACKETS or self.rate > 0)
 
 
-def chosen(names: Sequence[str], first: Mapping[str, str], comments: Sequence[str]) -> Clock:
+def chosen(path: Path, names: Sequence[str], first: Mapping[str, str], comments: Sequence[str]) -> Clock:
     """The best time that a file has.
 
     Parameters
     ----------
+    path : Path
+        For messages.
     names : sequence of str
         Its columns.
     first : mapping of str to str
         Its first row: columns stand there empty when the unit did not send them.
     comments : sequence of str
         Its comment lines.
+
+    Raises
+    ------
+    InputError
+        When the rate in the comments is needed and cannot be read.
     """
 
     def given(*columns: str) -> bool:
@@ -66,11 +74,23 @@ def chosen(names: Sequence[str], first: Mapping[str, str], comments: Sequence[st
         start = f"{year}-{month:0>2}-{day:0>2} {hour:0>2}:{minute:0>2}:{second:0>2} UTC"
         return Clock(_UTC, remarks=(f"time counted from the first sample, {start}",))
     packets = tuple(n for n in PACKETS if n in names)[:1]
-    rates = [float(match[1]) for line in comments if (match := _RATE.match(line))]
-    if packets and rates and 0 < rates[0] < 1e9:
-        said = f"time from the packet counter and the rate in the comments, {rates[0]:g} Hz; missing packets are gaps"
-        return Clock(packets, rates[0], (said,))
+    rate = _rate(path, comments) if packets else 0.0
+    if rate:
+        said = f"time from the packet counter and the rate in the comments, {rate:g} Hz; missing packets are gaps"
+        return Clock(packets, rate, (said,))
     return Clock(packets)
+
+
+def _rate(path: Path, comments: Sequence[str]) -> float:
+    """Packets per second by the first comment line that says it; a number without unit is in Hz; 0 where none does."""
+    for line in comments:
+        if match := _RATE.match(line):
+            text, what = match[1].strip(), f"{path}: comment line {line!r}"
+            rate = units.parse(text if re.search(r"[A-Za-z]", text) else f"{text} Hz", "sample rate", what)
+            if not 1e-6 < rate < 1e9:
+                raise InputError(f"{what}: is no rate of packets")
+            return rate
+    return 0.0
 
 
 class Counter:
