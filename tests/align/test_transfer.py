@@ -57,6 +57,23 @@ def test_the_truth_is_found_within_its_uncertainty(done):
     assert found["misalignment.x"].standard_uncertainty == pytest.approx(0.024 * ARCMIN, rel=0.02)
 
 
+def test_logs_since_an_epoch_are_on_one_clock(logs, done, tmp_path):
+    # the same logs with times since 1970: whole nanoseconds of the slave, doubles of the master
+    _, master, slave, given = logs
+    begin = 1_700_000_000
+    table = parquet.read_table(slave)
+    at = table.schema.get_field_index("time [s]")
+    stamps = np.round(table.column(at).to_numpy() * 1e9).astype(np.int64) + begin * 10**9
+    parquet.write_table(table.set_column(at, "time [ns]", pa.array(stamps)), tmp_path / "slave.parquet")
+    table = parquet.read_table(master)
+    at = table.schema.get_field_index("time [s]")
+    times = table.column(at).to_numpy() + begin
+    parquet.write_table(table.set_column(at, "time [s]", pa.array(times)), tmp_path / "master.parquet")
+    found = transfer(tmp_path / "master.parquet", tmp_path / "slave.parquet", given, tmp_path / "out")
+    for p in found.parameters:
+        assert abs(p.value - done[2][p.name].value) < 0.02 * p.standard_uncertainty
+
+
 def test_the_attitude_is_that_of_the_slave(done):
     y, _, found, _ = done
     # heading of the vehicle less what the slave is turned to port; the vehicle is level

@@ -254,6 +254,9 @@ def test_any_truncation_gives_what_lies_before_it(tmp_path, squeeze, data):
     except Fault as fault:
         assert fault.offset <= len(whole)  # noqa: PT017 - only then is there nothing to compare
         return
+    except InputError as error:
+        assert (path.stat().st_size, "no array" in str(error)) == (128, True)  # noqa: PT017 - a header is a whole file
+        return
     np.testing.assert_array_equal(read, np.column_stack([TIME, ACC, COUNTS])[: len(read), : read.shape[1]])
 
 

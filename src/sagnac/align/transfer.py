@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import DataError, InputError
 from ..frames import Array
 from ..navigate.strapdown import increments
-from ..recording import SENSORS, Recording, open_recording, sample_interval
+from ..recording import EPOCH, SENSORS, Recording, open_recording, sample_interval
 from . import config as configs
 from . import run
 from .checks import differences, timing, verdict
@@ -73,6 +73,7 @@ def transfer(
     keep_inputs(out, draw, (master, recording.path, config if not isinstance(config, Config) else None))
     log = open_master(master)
     samples = slave_of(recording, settings)
+    log = _on_the_clock_of(recording, log)
     remarks, doubts, uneven = examine(samples, log, settings)
     mounting, said = _first_mounting(samples, log, settings)
     found = run.transfer(settings, samples, log, mounting=mounting, progress=progress)
@@ -123,6 +124,12 @@ def covariance(
     result = of_run("covariance", settings, found, source=sources((config, None)))
     write(out, result, found, draw)
     return result
+
+
+def _on_the_clock_of(recording: Recording, log: Master) -> Master:
+    """The master's log with its times counted as the recording counts its own, where both were written since an epoch."""
+    since_epoch = recording.origin and log.time[0] > EPOCH
+    return replace(log, time=log.time - recording.origin) if since_epoch else log
 
 
 def slave_of(recording: Recording, config: Config) -> Slave:

@@ -52,6 +52,8 @@ class Table:
         Columns that the file holds as integers: among the `other` of `read` they come exactly as they are.
     samples : int
         Rows in all, where the file says so without being read.
+    origin : float
+        Where the time is counted from, s since the epoch of the file's own clock; zero for a time that is told as it stands.
     besides : tuple of Table
         Columns of other lengths in the same file, those of each length together: for who asks for them by name.
     """
@@ -66,4 +68,5 @@ class Table:
     format: str | None = None
     whole: frozenset[str] = frozenset()
     samples: int = 0
+    origin: float = 0.0
     besides: tuple[Table, ...] = ()

@@ -29,10 +29,13 @@ class Clock:
         Of the time.
     remarks : list of str
         Gets what is to be said of it.
+    origins: list of float
+        Gets where the time is counted from, s.
     """
 
     channel: Channel
     remarks: list[str]
+    origins: list[float]
     _origin: int = field(default=0, init=False)
     _started: bool = field(default=False, init=False)
 
@@ -51,6 +54,7 @@ class Clock:
         name = self.channel.column
         if isinstance(first, np.integer):
             self._origin = int(first)
+            self.origins[:] = [begin]
             said = f"time counted from the first sample, which has {self._origin} in the column {name!r}"
         else:
             step = float(np.spacing(abs(begin))) * 1e6

@@ -78,10 +78,11 @@ def open_recording(
     other = tuple(c for c in table.columns if c not in used)
     faults: list[str] = []
     clock: list[str] = []
+    origins = [table.origin]
 
     def stream(with_other: bool) -> Iterator[Batch]:
         pieces = _told(table, channels, other if with_other else (), watch)
-        time = Clock(channels["time"], clock) if step is None else step
+        time = Clock(channels["time"], clock, origins) if step is None else step
         return _in_si(path, _sound(pieces, partial, faults), channels, time, other if with_other else ())
 
     counted = {s for s, axes in present.items() if any(channels[a].counted for a in axes)}
@@ -100,6 +101,7 @@ def open_recording(
         format=table.format,
         select=table.choice,
         _remarks=(table.remarks, clock, faults),
+        _origins=origins,
     )
 
 

@@ -97,11 +97,17 @@ class Recording:
     select: str | None = None
     _remarks: tuple[Sequence[str], ...] = field(default=(), repr=False)
     _warmth: list[Array] = field(default_factory=list, repr=False)
+    _origins: Sequence[float] = field(default=(), repr=False)
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What was done to the samples that the user would not expect; complete when all have been read."""
         return tuple(text for part in self._remarks for text in part)
+
+    @property
+    def origin(self) -> float:
+        """What was taken off the times of the file, s, so that they begin at zero; known when the first have been read."""
+        return sum(self._origins)
 
     @property
     def temperature(self) -> tuple[float, float, float] | None:

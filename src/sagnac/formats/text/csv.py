@@ -90,8 +90,9 @@ def _stream(layout: Layout, numeric: Sequence[str], other: Sequence[str], seen: 
     types = dict.fromkeys(numeric, pa.float64()) | _types(layout, other)
     rows = seen[0] = 0
     try:
-        with pa.OSFile(str(layout.path)) as source:
-            for batch in _reader(layout, source, [*numeric, *other], types):
+        # both are closed where the rows are left before their end: the reader parses ahead in threads
+        with pa.OSFile(str(layout.path)) as source, _reader(layout, source, [*numeric, *other], types) as reader:
+            for batch in reader:
                 rows += batch.num_rows
                 seen[0] = source.tell()
                 types = {column.name: column.type for column in batch.schema}
@@ -122,8 +123,9 @@ def _types(layout: Layout, other: Sequence[str]) -> dict[str, Any]:
     if not other or layout.path.stat().st_size <= _BLOCK:
         return {}
     try:
-        for _ in _reader(layout, layout.path, other, {}):
-            pass
+        with _reader(layout, layout.path, other, {}) as reader:
+            for _ in reader:
+                pass
     except (pa.ArrowException, OSError):
         return dict.fromkeys(other, pa.string())
     return {}
