@@ -54,7 +54,8 @@ def open_table(path: Path, select: str | None = None) -> Table:
 
     topic = next(iter(sensors.values())).topic
     choice = f"FIFO/{topic.instance}" if topic.name.endswith("_fifo") else str(topic.instance)
-    return Table(path, reader.columns, read, remarks, lambda: reader.log.position, path.stat().st_size, choice, origin=reader.origin / 1e6)
+    size, origin = path.stat().st_size, reader.origin / 1e6
+    return Table(path, reader.columns, read, remarks, lambda: reader.log.position, size, choice, origin=origin)
 
 
 def _remarks(sensors: Mapping[str, Sensor]) -> list[str]:
