@@ -50,6 +50,17 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
 
 
 @pytest.fixture(scope="session")
+def rig_again(rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    """The same unit and plan once more, with other noise and other errors of the table."""
+    folder = tmp_path_factory.mktemp("rig_again")
+    unit, rng = laser_gyro_unit(), np.random.default_rng(21)
+    time, samples = simulate_recording(unit, rig.plan, imperfect_table(rig.plan, rng), rng, frequency=20.0)
+    write_recording(str(folder / "again.parquet"), time, samples, unit.pulses)
+    rig.plan.save(folder / "again.toml")
+    return Rig(folder / "again.parquet", folder / "again.toml", rig.plan)
+
+
+@pytest.fixture(scope="session")
 def public_data() -> Callable[[str], Path]:
     """Takes the name of a public recording to its path; a test that asks for one that is not at hand is skipped."""
     folder = Path(os.environ.get("SAGNAC_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))

@@ -304,9 +304,10 @@ def test_summary_tells_the_result():
         "accel.bias.x                          1.02         0.20  mg",  # 0.01 / 9.80665e-3, 0.002 / 9.80665e-3
         "gyro.bias.x                         0.2063       0.0062  deg/h",  # 1e-6 and 3e-8 times 206264.8
         "chi-square 3.5 for 4 degrees of freedom, probability 0.48",
-        "residual static norm: 1.5e-05 m/s^2 rms over 12",
+        "residual static norm: 1.530 ug rms over 12",  # 1.5e-5 / 9.80665e-6
         "most influence: segment 's4' moves accel.bias.x by 0.7 standard uncertainties",
-        "share of the variance [%]        (1)\n  accel.bias.x                     100\n  gyro.bias.x                        -\n  (1) noise",
+        "share of the variance [%]        (1)\n  accel.bias.x                     100\n",
+        "100\n  gyro.bias.x                        -\n  (1) noise",
         "note: a gap",
     ):
         assert part in text

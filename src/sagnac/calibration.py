@@ -56,6 +56,8 @@ class Influence(Record):
     chi2: float
     shift: float | None
     parameter: str
+    rows: int | None = None
+    """Readings of the segment that the fit used; the chi-square expected of it is their number less the leverage."""
 
 
 class Scatter(Record):
@@ -225,7 +227,7 @@ def json_schema() -> dict[str, Any]:
     return results.json_schema(Calibration, SCHEMA)
 
 
-def printed(value: float, sigma: float, si_unit: str) -> tuple[str, str, str]:
+def printed(value: float, sigma: float, si_unit: str, unit: str | None = None) -> tuple[str, str, str]:
     """Value and uncertainty as text with as many digits as the uncertainty deserves, and their unit.
 
     Parameters
@@ -233,29 +235,53 @@ def printed(value: float, sigma: float, si_unit: str) -> tuple[str, str, str]:
     value, sigma : float
     si_unit : str
         Unit of both.
+    unit : str, optional
+        To print in; left out, one in which the uncertainty has a convenient size.
 
     Returns
     -------
     value, sigma, unit : str
     """
-    choices = _PRINTED.get(si_unit, (si_unit,))
-    convertible = si_unit in _PRINTED
-    unit_text = choices[-1]
-    for choice in choices:
-        size = abs(units.convert(1.0, si_unit, choice)) if convertible else 1.0
-        if sigma * size >= 0.01 or (sigma == 0 and abs(value) * size >= 1):
-            unit_text = choice
-            break
-    size = units.convert(1.0, si_unit, unit_text) if convertible else 1.0
-    if si_unit in _LARGE and abs(value) * size >= _LARGEST:
-        unit_text, size = choices[0], units.convert(1.0, si_unit, choices[0])
+    unit_text = _unit_for(value, sigma, si_unit) if unit is None else unit
+    size = units.convert(1.0, si_unit, unit_text) if unit_text != si_unit else 1.0
     v, s = value * size, sigma * size
     if s > 0 and math.isfinite(s):
         digits = max(0, 1 - math.floor(math.log10(s)))
         if digits > 9:
             return f"{v:.12g}", f"{s:.1e}", unit_text
-        return f"{v:.{digits}f}", f"{s:.{digits}f}", unit_text
-    return f"{v:.9g}", "-" if s == 0 else f"{s:.2g}", unit_text
+        return f"{round(v, digits) + 0.0:.{digits}f}", f"{s:.{digits}f}", unit_text  # no minus before nothing
+    return f"{v + 0.0:.9g}", "-" if s == 0 else f"{s:.2g}", unit_text
+
+
+def _unit_for(value: float, sigma: float, si_unit: str) -> str:
+    """The coarsest unit in which the uncertainty is not lost in the decimals."""
+    choices = _PRINTED.get(si_unit)
+    if choices is None:
+        return si_unit
+    found = choices[-1]
+    for choice in choices:
+        size = abs(units.convert(1.0, si_unit, choice))
+        if sigma * size >= 0.01 or (sigma == 0 and abs(value) * size >= 1):
+            found = choice
+            break
+    return choices[0] if si_unit in _LARGE and abs(value * units.convert(1.0, si_unit, found)) >= _LARGEST else found
+
+
+def probability(p_value: float) -> str:
+    """A probability as text: that of a chi-square far below its degrees of freedom does not read as certainty.
+
+    Parameters
+    ----------
+    p_value : float
+
+    Returns
+    -------
+    str
+        To follow the word "probability".
+    """
+    if p_value > 0.999:
+        return "> 0.999"
+    return f"{p_value:.3g}" if p_value > 0.99 else f"{p_value:.2g}"
 
 
 def _summary(cal: Calibration) -> str:
@@ -274,7 +300,7 @@ def _summary(cal: Calibration) -> str:
 
 def _fit_lines(cal: Calibration) -> list[str]:
     fit = cal.fit
-    p_text = "" if fit.p_value is None else f", probability {fit.p_value:.2g}"
+    p_text = "" if fit.p_value is None else f", probability {probability(fit.p_value)}"
     lines = [f"  chi-square {fit.chi2:.4g} for {fit.degrees_of_freedom} degrees of freedom{p_text}"]
     if fit.degrees_of_freedom == 0:
         lines = ["  as many readings as unknowns: nothing is left to judge the fit by"]
@@ -288,8 +314,8 @@ def _fit_lines(cal: Calibration) -> list[str]:
         for used in fit.uncertainty.split(" / ")
     ]
     for kind, scatter in fit.residuals.items():
-        unit = f" {scatter.unit}" if scatter.unit else ""
-        lines.append(f"  residual {kind}: {scatter.rms:.4g}{unit} rms over {scatter.count}")
+        rms, _, unit = printed(scatter.rms, scatter.rms / 30, scatter.unit)
+        lines.append(f"  residual {kind}: {rms} {unit}".rstrip() + f" rms over {scatter.count}")
     if fit.condition is not None:
         lines.append(f"  condition {fit.condition:.3g}, {fit.iterations} iterations")
     return lines

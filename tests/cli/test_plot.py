@@ -168,3 +168,10 @@ def test_a_unit_turned_by_hand_needs_no_plan(run, tmp_path):
     for name in ("residuals", "log"):
         done = run("plot", "hand.json", name)
         assert (done.status, done.err) == (0, "")
+
+
+def test_a_plan_has_no_picture(run, folder):
+    told = run("plot", "plan.toml")
+    assert told.status == 2
+    assert "plan.toml: is a plan" in told.err
+    assert run("plot", "plan.toml", "log").status == 2

@@ -228,3 +228,23 @@ def test_estimates_reach_the_bound_and_intervals_hold():
     coverage = np.mean(np.abs(errors) < 1.96 * np.array(sigmas), axis=0)
     assert np.all((coverage > 0.93) & (coverage < 0.97))
     assert abs(np.mean(np.array(p_values) < 0.5) - 0.5) < 3.3 * 0.5 / np.sqrt(1000)
+
+
+def test_chi_square_of_each_segment_is_expected_to_be_its_rows_less_its_leverage():
+    """Of the whitened residuals left by a fit the covariance is ``I - H``: means over 400 noises, within four of their errors."""
+    rng = np.random.default_rng(11)
+    design = rng.standard_normal((23, 3))
+    segment = np.repeat([0, 1, 2, 3], [12, 5, 4, 2])
+    chi2 = []
+    for _ in range(400):
+        noise = rng.standard_normal(23)
+        fit = estimate(
+            [Parameter(n, "1", 0.0, 1.0) for n in "abc"],
+            lambda x, noise=noise: Rows(noise - design @ x, -design, segment),
+            tuple("1234"),
+            noise_known=True,
+        )
+        chi2.append([i.chi2 for i in fit.influence])
+    expected = np.array([i.rows - i.leverage for i in fit.influence])
+    assert [i.rows for i in fit.influence] == [12, 5, 4, 2]
+    assert np.all(np.abs(np.mean(chi2, axis=0) - expected) < 4 * np.sqrt(2 * expected / 400))

@@ -13,7 +13,7 @@ from sagnac.simulate.hand import simulate_hand_turned
 from sagnac.simulate.plans import CHECK, table_plan
 from sagnac.simulate.table import imperfect_table, simulate_readings, simulate_recording
 from sagnac.simulate.unit import laser_gyro_unit
-from sagnac.verification import _judge
+from sagnac.verification.judge import judge
 
 UNIT = laser_gyro_unit()
 PULSELESS = type(UNIT)(**{**vars(UNIT), "pulses": {}})
@@ -90,7 +90,7 @@ def test_fails_as_often_as_it_says(check):
     for _ in range(300):
         fitted = norm.calibrate_means(simulate_readings(PULSELESS, plan, imperfect_table(plan, rng), rng), plan)
         fresh = simulate_readings(PULSELESS, check, imperfect_table(check, rng), rng)
-        p_values.append(_judge(fitted, fresh, check, corrections(fitted, empty), None).p_value)
+        p_values.append(judge(fitted, fresh, check, corrections(fitted, empty), None).p_value)
     assert abs(np.mean(p_values) - 0.5) < 3.3 / np.sqrt(12 * 300)
     assert np.mean(np.array(p_values) < 0.1) < 0.1 + 3.3 * np.sqrt(0.09 / 300)
 
@@ -153,3 +153,34 @@ def test_nothing_to_compare_is_said(calibration):
     gyro_only = from_arrays(np.arange(10.0), gyro=np.zeros((10, 3)))
     with pytest.raises(DataError, match="nothing to compare"):
         verify(calibration, gyro_only, plan)
+
+
+def test_calibration_from_a_rig_is_not_taken_for_a_hand_turned_one(calibration, check):
+    """Turning segments would pass for static intervals, and most of the calibration for verified."""
+    with pytest.raises(InputError, match=r"made on a turntable; give the plan of this recording \(--plan\)"):
+        verify(calibration, recorded(check, 2))
+
+
+def test_static_segments_do_not_verify_gyros(calibration):
+    plan = table_plan(PULSELESS, CHECK, dwell=60.0, turning=0.0)
+    outcome = verify(calibration, recorded(plan, 2), plan)
+    assert (
+        "no segment turns: scale factors, misalignments and biases of the gyro triad are not verified"
+        in outcome.remarks
+    )
+
+
+def test_uncertainties_larger_than_the_scatter_are_remarked(calibration, check):
+    """All uncertainties stated ten times too large: chi-square a hundredth of its degrees of freedom, nearly."""
+    wide = calibration.model_copy(
+        update={"covariance": tuple(tuple(400 * v for v in row) for row in calibration.covariance)}
+    )
+    noisy = check.unit.noise.model_copy(
+        update={"accel": 20 * PULSELESS.accel_density, "gyro": 20 * PULSELESS.gyro_density}
+    )
+    plan = check.model_copy(update={"unit": check.unit.model_copy(update={"noise": noisy})})
+    outcome = verify(wide, recorded(check, 2), plan)
+    assert outcome.passed
+    assert any("the stated uncertainties are larger than what is seen" in r for r in outcome.remarks)
+    assert "probability > 0.999" in outcome.summary()
+    assert "-0.00 " not in outcome.summary()

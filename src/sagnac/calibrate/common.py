@@ -207,6 +207,7 @@ def fit_record(
                 chi2=i.chi2,
                 shift=i.shift if np.isfinite(i.shift) else None,
                 parameter=i.parameter,
+                rows=i.rows,
             )
             for e in fits
             for i in e.influence

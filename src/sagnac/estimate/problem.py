@@ -81,6 +81,8 @@ class Influence(NamedTuple):
     """Largest change of a parameter, in its standard uncertainties, when the segment is left out."""
     parameter: str
     """The parameter that changes most."""
+    rows: int | None = None
+    """Whitened readings of the segment: its chi-square is expected to be `rows` less `leverage`."""
 
 
 @dataclass(frozen=True)

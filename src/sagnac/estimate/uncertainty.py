@@ -139,7 +139,8 @@ def _influence(
         for which, move in zip(order, moves, strict=True):
             worst = int(np.argmax(np.abs(move) / sigma))
             shift[int(which)] = (float(np.abs(move[worst]) / sigma[worst]), names[worst])
+    count = np.bincount(rows.segment, minlength=len(segments))
     return tuple(
-        Influence(segments[i], float(leverage[i]), float(chi2[i]), *shift.get(int(i), (np.inf, "")))
+        Influence(segments[i], float(leverage[i]), float(chi2[i]), *shift.get(int(i), (np.inf, "")), int(count[i]))
         for i in np.unique(rows.segment)
     )

@@ -18,6 +18,7 @@ from ..observe.static import THRESHOLD
 from ..plan import Plan
 from ..plan import load as load_plan
 from ..recording import Recording, open_recording
+from ..verification import made_by_hand
 from . import alignment_files
 from .pictures import PICTURES, Material, draw
 from .sources import find
@@ -84,12 +85,16 @@ def kind_of(path: Path) -> str:
     Raises
     ------
     InputError
-        When there is no such file.
+        When there is no such file, or it is a plan.
     """
     if path.is_dir():
         return "alignment"
     if not path.is_file():
         raise InputError(f"{path}: no such file or folder")
+    if path.suffix.lower() == ".toml":
+        raise InputError(
+            f"{path}: is a plan; there are pictures of a calibration, a recording (with its plan: --plan) and an alignment"
+        )
     if path.suffix.lower() != ".json":
         return "recording"
     try:
@@ -242,7 +247,7 @@ def _recording(
             )
         remarks.append("the recording was not found, so that this is drawn from the calibration alone (--recording)")
         return None, None
-    planless = plan_file is None and own and ("plan" in named or not _hand_turned(calibration))
+    planless = plan_file is None and own and ("plan" in named or not made_by_hand(calibration))
     lost = "the plan was not found" if "plan" in named else "the calibration names no plan"
     if planless and "recording" not in PICTURES[name].needs:
         remarks.append(f"{lost}, so that this is drawn from the calibration alone (--plan)")
@@ -262,9 +267,3 @@ def _same(path: Path, calibration: Calibration) -> bool:
         return sha256(path) in known
     except OSError as cause:
         raise InputError(f"{path}: cannot read the recording: {cause.strerror}") from cause
-
-
-def _hand_turned(calibration: Calibration) -> bool:
-    """Whether the segments are numbered static intervals, which need no plan."""
-    names = {i.segment for i in calibration.fit.influence}
-    return calibration.method == "norm" and names == {str(i + 1) for i in range(len(names))}

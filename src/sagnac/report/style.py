@@ -118,10 +118,11 @@ def settle(drawn: Figure) -> None:
 
     The solver of the layout differs from run to run in the last places of a number; rounded, the same figure gives the same file.
     """
-    if drawn.get_layout_engine() is None:
+    engine = drawn.get_layout_engine()
+    if engine is None:
         return
     for _ in range(2):  # ticks follow the size of a panel, and may be wider than those that it was laid out for
-        drawn.draw_without_rendering()
+        engine.execute(drawn)
     drawn.set_layout_engine("none")
     for axes in drawn.axes:
         x, y, width, height = (round(float(v), 4) for v in axes.get_position(original=True).bounds)
@@ -193,9 +194,22 @@ def shown_unit(size: float, si_unit: str) -> tuple[str, float]:
         return si_unit, 1.0
 
 
-def number(value: float, sigma: float, si_unit: str) -> tuple[str, str, str]:
+def common_unit(values: Array, sigmas: Array, si_unit: str) -> str:
+    """One unit for numbers that stand together, see :func:`number`.
+
+    Parameters
+    ----------
+    values, sigmas : ndarray, shape (n,)
+        SI; uncertainties of nothing do not count.
+    si_unit : str
+    """
+    known = sigmas[(sigmas > 0) & np.isfinite(sigmas)]
+    return printed(float(np.max(np.abs(values))), float(np.median(known)) if known.size else 0.0, si_unit)[2]
+
+
+def number(value: float, sigma: float, si_unit: str, unit: str | None = None) -> tuple[str, str, str]:
     """:func:`sagnac.calibration.printed` with a true minus sign and the unit as in print."""
-    v, s, unit = printed(value, sigma, si_unit)
+    v, s, unit = printed(value, sigma, si_unit, unit)
     return v.replace("-", "−" if float(v) else ""), s, pretty(unit)
 
 

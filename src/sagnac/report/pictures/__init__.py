@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 from ...errors import InputError
 from ...observe.static import THRESHOLD
 from .bars import as_found, budget, influence, parameters
-from .comparison import Comparison, Pair, comparison, nominal
+from .comparison import Comparison, Pair, comparison, nominal, refuse_nothing
 from .log import log
 from .matrix import correlation
 from .segments import before_after, residuals
@@ -44,6 +44,7 @@ __all__ = [
     "log",
     "nominal",
     "parameters",
+    "refuse_nothing",
     "residuals",
     "svg",
 ]
@@ -104,7 +105,9 @@ def _residuals(m: Material) -> Figure:
         return residuals(own)
     from ...verification import verify
 
-    return residuals(own, verify(own, m.recording, m.plan, threshold=m.threshold).checks)
+    checks = verify(own, m.recording, m.plan, threshold=m.threshold).checks
+    refuse_nothing(own, checks)
+    return residuals(own, checks)
 
 
 def _before_after(m: Material) -> Figure:

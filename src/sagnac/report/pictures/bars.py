@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +24,7 @@ from ..style import (
     WIDTH,
     blank,
     clean,
+    common_unit,
     in_brackets,
     in_family,
     names_below,
@@ -70,11 +73,23 @@ def _rows(members: list[Member], words: list[str]) -> list[Row]:
     return [Row(m.sensor, m.label, text) for m, text in zip(members, words, strict=True)]
 
 
+def _units(members: list[Member], values: Array, sigmas: Array, si_units: list[str]) -> list[str]:
+    """Unit of each row, one for all of a term."""
+    keys = [(m.sensor, m.term, u) for m, u in zip(members, si_units, strict=True)]
+    found = {}
+    for key in dict.fromkeys(keys):
+        at = [i for i, k in enumerate(keys) if k == key]
+        found[key] = common_unit(values[at], sigmas[at], key[2])
+    return [found[k] for k in keys]
+
+
 def _uncertainties(calibration: Calibration, members: list[Member]) -> list[str]:
     out = []
-    for m in members:
-        p = calibration.parameters[m.index]
-        _, sigma, unit = number(p.value, p.standard_uncertainty, p.unit)
+    own = [calibration.parameters[m.index] for m in members]
+    sigmas = np.array([p.standard_uncertainty for p in own])
+    units = _units(members, sigmas, sigmas, [p.unit for p in own])
+    for p, shown in zip(own, units, strict=True):
+        _, sigma, unit = number(p.standard_uncertainty, p.standard_uncertainty, p.unit, shown)
         out.append("given exactly" if p.standard_uncertainty == 0 else f"{sigma} {unit}".rstrip())
     return out
 
@@ -163,13 +178,16 @@ def _ways(calibration: Calibration, members: list[Member], rows: list[Row]) -> F
 
 
 @in_family
-def parameters(calibration: Calibration) -> Figure:
-    """Values with their expanded uncertainties (k = 2), one panel a term of a sensor.
+def parameters(calibration: Calibration, *, k: float | Mapping[str, float] = COVERAGE) -> Figure:
+    """Values with their expanded uncertainties, one panel a term of a sensor.
 
     Parameters
     ----------
     calibration : Calibration
+    k : float or mapping of str to float
+        Coverage factor, of all parameters or by name.
     """
+    factors = _factors(calibration, k)
     members = ordered(list(calibration.values()))
     panels: dict[tuple[str, str], list[Member]] = {}
     for m in members:
@@ -185,24 +203,32 @@ def parameters(calibration: Calibration) -> Figure:
     figure = blank(WIDTH, 0.35 + sum(ratios))
     grid = figure.subplots(lines, across, squeeze=False, height_ratios=ratios).ravel()
     for axes, ((sensor, term), own) in zip(grid, panels.items(), strict=False):
-        _values(axes, calibration, own)
+        _values(axes, calibration, own, factors)
         title(axes, f"{sensor} {term.replace('_', ' ')}", TEXT)
     for axes in grid[len(panels) :]:
         axes.set_visible(False)
-    figure.suptitle(f"values, bars of {COVERAGE:g} standard uncertainties", fontsize=TITLE, x=0.01, ha="left")
+    one = factors[0] if np.all(factors == factors[0]) else None
+    bars = "the expanded uncertainty, each with its own k" if one is None else f"{one:.3g} standard uncertainties"
+    figure.suptitle(f"values, bars of {bars}", fontsize=TITLE, x=0.01, ha="left")
     return figure
 
 
-def _values(axes: Any, calibration: Calibration, own: list[Member]) -> None:
+def _factors(calibration: Calibration, k: float | Mapping[str, float]) -> Array:
+    """Coverage factors in the order of the parameters."""
+    return np.array([k[p.name] if isinstance(k, Mapping) else k for p in calibration.parameters], dtype=np.float64)
+
+
+def _values(axes: Any, calibration: Calibration, own: list[Member], factors: Array) -> None:
     several = [calibration.parameters[m.index] for m in own]
     value = np.array([p.value for p in several])
     sigma = np.array([p.standard_uncertainty for p in several])
+    expanded = factors[[m.index for m in own]] * sigma
     unit, size = shown_unit(float(np.max([*np.abs(value), *sigma])), several[0].unit)
     y = np.arange(len(own))
     axes.errorbar(
         size * value,
         y,
-        xerr=COVERAGE * size * sigma,
+        xerr=size * expanded,
         fmt="o",
         ms=3.5,
         color=BLUE,
@@ -211,8 +237,8 @@ def _values(axes: Any, calibration: Calibration, own: list[Member]) -> None:
         capsize=2.5,
     )
     axes.set_yticks(y, [m.label.rpartition(".")[2] for m in own], fontsize=TEXT - 1)
-    for where, p in zip(y, several, strict=True):
-        v, s, told = number(p.value, COVERAGE * p.standard_uncertainty, p.unit)
+    for where, p, spread in zip(y, several, expanded, strict=True):
+        v, s, told = number(p.value, float(spread), p.unit, unit if p.unit == several[0].unit else None)
         text = f"{v} {told}" if p.standard_uncertainty == 0 else f"{v} ± {s} {told}"
         axes.text(1.02, where, text, transform=axes.get_yaxis_transform(), fontsize=SMALL, va="center")
     axes.set_ylim(len(own) - 0.4, -0.6)
@@ -253,13 +279,15 @@ def influence(calibration: Calibration) -> Figure:
     Raises
     ------
     DataError
-        When the calibration does not tell.
+        When the calibration does not tell, or no segment can be left out.
     """
     if not calibration.fit.influence:
         raise DataError("this calibration holds no influence of its segments (fit.influence)")
     worst = strongest_shifts(calibration)
     names = list(worst)
     shift = np.array([np.nan if s is None else s for s, _ in worst.values()])
+    if np.all(np.isnan(shift)):
+        raise DataError(f"{_undetermined(len(names))}: none can be left out, so that no influence is to be drawn")
     below = names_below(names, width=WIDTH - 0.7)
     figure = blank(WIDTH, _BARS + 0.6 + below.height)
     axes = figure.subplots()
@@ -268,12 +296,23 @@ def influence(calibration: Calibration) -> Figure:
     said = _told(x, shift, [parameter for _, parameter in worst.values()])
     top = max(1.0, *(height / (1.0 - _length(name) / _BARS) for _, height, name in said), 0.0) * 1.05
     axes.bar(x[known], shift[known], width=0.7, color=BLUE)
-    if not known.all():
-        words = "without it the parameters would not be determined"
-        high = np.full(int((~known).sum()), 0.85 * top)
-        axes.bar(x[~known], high, width=0.7, color="white", edgecolor=ORANGE, hatch="////", lw=0.6, label=words)
-        axes.legend(loc="upper right", frameon=False)
     axes.axhline(1.0, color=GREY, lw=0.8, ls="--")
+    if not known.all():  # no shift, so no bar
+        place = np.full(int((~known).sum()), 0.02)
+        axes.plot(
+            x[~known],
+            place,
+            "^",
+            ms=5,
+            mfc="white",
+            mec=ORANGE,
+            mew=1.1,
+            ls="",
+            clip_on=False,
+            transform=axes.get_xaxis_transform(),
+            label=_undetermined(int((~known).sum())),
+        )
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", frameon=False)
     for at, height, name in said:
         axes.text(
             at,
@@ -295,6 +334,12 @@ def influence(calibration: Calibration) -> Figure:
     return figure
 
 
+def _undetermined(count: int) -> str:
+    """What it means that segments cannot be left out."""
+    which = "it" if count == 1 else f"any of these {count} segments"
+    return f"without {which} the parameters would not be determined"
+
+
 def _length(name: str) -> float:
     """Of a name over a bar, inches."""
     return 0.62 * (SMALL - 0.5) / 72.0 * len(name) + 0.1
@@ -312,15 +357,22 @@ def _told(x: Array, shift: Array, parameters_: list[str]) -> list[tuple[float, f
 
 
 @in_family
-def as_found(earlier: Calibration, calibration: Calibration) -> Figure:
+def as_found(
+    earlier: Calibration,
+    calibration: Calibration,
+    *,
+    k: tuple[float | Mapping[str, float], float | Mapping[str, float]] = (COVERAGE, COVERAGE),
+) -> Figure:
     """How the unit has changed: differences from an earlier calibration over their joint expanded uncertainty.
 
-    The number drawn is ``E_n = (x2 - x1) / sqrt(U1^2 + U2^2)``, U = 2 u, of two calibrations whose errors are independent
+    The number drawn is ``E_n = (x2 - x1) / sqrt(U1^2 + U2^2)``, U = k u, of two calibrations whose errors are independent
     (ISO 13528:2015, section 9.6): beyond 1 the unit has changed by more than the uncertainties allow.
 
     Parameters
     ----------
     earlier, calibration : Calibration
+    k : pair of float or mapping of str to float
+        Their coverage factors, of all parameters or by name.
 
     Raises
     ------
@@ -331,18 +383,28 @@ def as_found(earlier: Calibration, calibration: Calibration) -> Figure:
     if not common:
         raise DataError("the two calibrations have no parameter in common: there is nothing to compare")
     members = ordered(common)
-    words, numbers = [], []
-    for m in members:
-        old, new = earlier[common[m.index]], calibration[common[m.index]]
-        joint = COVERAGE * float(np.hypot(old.standard_uncertainty, new.standard_uncertainty))
-        change, spread, unit = number(new.value - old.value, joint, new.unit)
-        words.append(f"{change} ± {spread} {unit}".rstrip())
-        numbers.append((new.value - old.value) / joint if joint > 0 else np.nan)
+    factors = [
+        dict(zip(c.values(), _factors(c, f), strict=True)) for c, f in zip((earlier, calibration), k, strict=True)
+    ]
+    pairs = [(earlier[common[m.index]], calibration[common[m.index]]) for m in members]
+    change = np.array([new.value - old.value for old, new in pairs])
+    joint = np.array(
+        [
+            math.hypot(*(f[p.name] * p.standard_uncertainty for f, p in zip(factors, pair, strict=True)))
+            for pair in pairs
+        ]
+    )
+    si_units = [new.unit for _, new in pairs]
+    words = []
+    for c, u, si_unit, shown in zip(change, joint, si_units, _units(members, change, joint, si_units), strict=True):
+        text, spread, unit = number(float(c), float(u), si_unit, shown)
+        words.append(f"{text} ± {spread} {unit}".rstrip())
+    numbers = np.divide(change, joint, out=np.full(change.size, np.nan), where=joint > 0)
     rows = [Row(m.sensor, m.label, text) for m, text in zip(members, words, strict=True)]
     figure, axes, y = table(
-        rows, "change since the earlier calibration", "Eₙ: change over its expanded uncertainty", "change ± U (k = 2)"
+        rows, "change since the earlier calibration", "Eₙ: change over its expanded uncertainty", "change ± U"
     )
-    _changes(axes, np.array(y), np.array(numbers))
+    _changes(axes, np.array(y), numbers)
     legend(figure, axes, 3)
     return figure
 

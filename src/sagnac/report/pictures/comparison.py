@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 _KEPT = ("rig.encoder_delay", "rig.cone_phase", "rig.lever_arm", "rig.tilt", "rig.zero", "rig.nonperpendicularity")
 """What is of the rig and not of the unit: the same before and after. (A cone of no angle has no phase.)"""
 
+_NOTHING = 1e-6  # standard uncertainties
+
 
 @dataclass(frozen=True)
 class Pair:
@@ -139,11 +141,37 @@ def comparison(
     except SagnacError as error:
         if earlier is not None:
             raise
-        raise DataError(f"{recording.name}: without a calibration these readings cannot be judged: {error}") from error
+        rig = "turntable" if plan is None else plan.rig.kind.replace("-", " ")
+        raise DataError(
+            f"{recording.name}: without this calibration the readings are too far from the model of the {rig} to be judged, so "
+            "that there is no picture of before and after; one against an earlier calibration can be drawn (--earlier)"
+        ) from error
+    refuse_nothing(calibration, after)
     pairs = _paired(before, after)
     if not pairs:
         raise DataError(f"{recording.name}: nothing in it can be compared before and after")
     return Comparison(pairs, words, "with this calibration", after)
+
+
+def refuse_nothing(calibration: Calibration, checks: Sequence[Check]) -> None:
+    """Refuse residuals that are zero by construction: the same result from the same readings.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    checks : sequence of Check
+        What the recording shows against it.
+
+    Raises
+    ------
+    DataError
+        When they are.
+    """
+    if checks and all(abs(c.z) < _NOTHING for c in checks):
+        raise DataError(
+            f"a recording by {calibration.method} has no residuals against its own calibration: they are zero by construction; "
+            "give another recording of the unit (--recording, --plan)"
+        )
 
 
 def _paired(before: Sequence[Check], after: Sequence[Check]) -> tuple[Pair, ...]:

@@ -205,9 +205,10 @@ def log(
     _strips(strips, seen)
     for axes in strips:
         _shade(axes, spans)
-    _names(strips[0], spans, _marked(spans, calibration))
+    marked = _marked(spans, calibration)
+    _names(strips[0], spans, marked)
     strips[-1].set_xlabel("time [s]")
-    _heading(figure, what, spans)
+    _heading(figure, what, spans, marked)
     return figure
 
 
@@ -222,18 +223,23 @@ def _marked(spans: Sequence[Span], calibration: Calibration | None) -> str | Non
     return max(shifts, key=lambda n: shifts[n])
 
 
-def _heading(figure: Figure, what: str, spans: Sequence[Span]) -> None:
+def _heading(figure: Figure, what: str, spans: Sequence[Span], marked: str | None) -> None:
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     kinds = {s.turning for s in spans}
     words = {False: ("at rest", STILL), True: ("turning", TURNING)}
-    handles = [Patch(facecolor=words[k][1], edgecolor="#999999", lw=0.4, label=words[k][0]) for k in sorted(kinds)]
+    handles: list[Any] = [
+        Patch(facecolor=words[k][1], edgecolor="#999999", lw=0.4, label=words[k][0]) for k in sorted(kinds)
+    ]
+    if marked is not None:
+        handles.append(Line2D([], [], ls="", marker="v", ms=4, color=ORANGE, label="influences the result most"))
     figure.suptitle(what, fontsize=TITLE, x=0.01, ha="left")
     if handles:
         figure.legend(
             handles=handles,
             loc="upper right",
-            ncols=2,
+            ncols=3,
             frameon=False,
             fontsize=TEXT - 1,
             borderpad=0,

@@ -122,10 +122,15 @@ def title_size(heading: str) -> float:
 def legend(figure: Figure, axes: Any, columns: int) -> None:
     """What the marks mean, in one line below the heading."""
     handles, labels = axes.get_legend_handles_labels()
+    below_heading(figure, handles, columns, labels)
+
+
+def below_heading(figure: Figure, handles: Sequence[Any], columns: int, labels: Sequence[str] | None = None) -> None:
+    """Marks with what they mean, in one line below the heading."""
     if handles:
         figure.legend(
             handles,
-            labels,
+            [h.get_label() for h in handles] if labels is None else labels,
             loc="upper left",
             bbox_to_anchor=(0.0, 1 - 0.24 / figure.get_size_inches()[1]),
             ncols=columns,

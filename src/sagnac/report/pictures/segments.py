@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...calibration import probability
 from ...errors import DataError
 from ...frames import Array
 from ..style import (
@@ -20,6 +21,7 @@ from ..style import (
     WIDTH,
     blank,
     clean,
+    common_unit,
     in_brackets,
     in_family,
     names_below,
@@ -29,7 +31,7 @@ from ..style import (
     title,
 )
 from .comparison import Comparison, Pair
-from .rows import Row, legend, table
+from .rows import Row, below_heading, legend, table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,6 +45,17 @@ _LISTED = 66
 """Rows of a list; of more, those that stand out most."""
 _FEW = 4
 """Segments up to which quantities go into a list."""
+_LEAST = 0.01
+"""Standard uncertainties below which a residual on a logarithmic scale is only marked."""
+_LOOKS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("s", {"mfc": "white", "mec": ORANGE, "mew": 1.0}),
+    ("o", {"mfc": BLUE, "mec": BLUE}),
+)
+"""Before and after."""
+_ALIKE = 0.2
+"""Relative difference of expected chi-squares up to which one line stands for all."""
+_WIDE = 50.0
+"""Ratio of chi-squares from which they are drawn on a logarithmic scale."""
 _PANEL, _AROUND = 1.15, 0.7  # in
 
 
@@ -152,7 +165,7 @@ def residuals(calibration: Calibration, checks: Sequence[Check] | None = None) -
         _uprights(axes, x, size * (value - 2 * sigma), size * (value + 2 * sigma), BLUE)
         for chosen, face in ((~out, BLUE), (out, "white")):
             axes.plot(x[chosen], size * value[chosen], "o", ms=3.6, mfc=face, mec=BLUE)
-        rms, _, told = number(*_rms(value), q.unit)
+        rms, _, told = number(*_rms(value), q.unit, unit)
         title(axes, f"{q.what}: {rms} {told} rms" + _outside(int(out.sum()), len(own)))
         axes.set_ylabel(in_brackets(unit).strip())
 
@@ -185,14 +198,24 @@ def _named(segment: str) -> str:
     return f"segment {segment}" if segment[:1].isdigit() else segment
 
 
+def _units(rows: Sequence[tuple[str, float, float]]) -> dict[str, str]:
+    """One unit in print for each SI unit, from that, value and standard uncertainty of each row."""
+    out = {}
+    for si_unit in dict.fromkeys(r[0] for r in rows):
+        own = np.array([r[1:] for r in rows if r[0] == si_unit])
+        out[si_unit] = common_unit(own[:, 0], own[:, 1], si_unit)
+    return out
+
+
 def _list(checks: Sequence[Check]) -> Figure:
     """Few segments or many quantities: a row each, over its standard uncertainty."""
     own = [checks[i] for i in _largest([abs(c.z) for c in checks], [c.segment for c in checks])]
     order = {s: i for i, s in enumerate(dict.fromkeys(c.segment for c in own))}
     own.sort(key=lambda c: order[c.segment])
+    units = _units([(c.unit, c.residual, c.standard_uncertainty) for c in own])
     rows = []
     for c in own:
-        value, sigma, unit = number(c.residual, c.standard_uncertainty, c.unit)
+        value, sigma, unit = number(c.residual, c.standard_uncertainty, c.unit, units[c.unit])
         rows.append(Row(_named(c.segment), c.what, f"{value} ± {sigma} {unit}".rstrip()))
     heading = "residuals over their standard uncertainties"
     heading += f", the largest {len(own)} of {len(checks)}" if len(own) < len(checks) else ""
@@ -225,30 +248,55 @@ def chi_squares(calibration: Calibration) -> dict[str, float]:
     return out
 
 
+def expected_chi_squares(calibration: Calibration) -> dict[str, float]:
+    """What the chi-square of each segment is expected to be, of all fits that have used it; nothing where that is not told.
+
+    The expectation of a segment's sum of squared whitened residuals is the trace of ``I - H`` over its rows: their number less
+    the leverage.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    """
+    out: dict[str, float] = {}
+    for i in calibration.fit.influence:
+        if i.rows is None:
+            return {}
+        out[i.segment] = out.get(i.segment, 0.0) + i.rows - i.leverage
+    return out
+
+
 def _of_fit(calibration: Calibration) -> Figure:
     found = chi_squares(calibration)
     if not found:
         raise DataError("this calibration holds no chi-square of its segments (fit.influence)")
     value = np.array(list(found.values()))
-    expected = calibration.fit.degrees_of_freedom / len(value)
+    own = np.array(list(expected_chi_squares(calibration).values()))
+    expected = float(np.mean(own)) if own.size else calibration.fit.degrees_of_freedom / len(value)
+    alike = own.size == 0 or bool(np.ptp(own) < _ALIKE * max(expected, 1e-12))
     below = names_below(list(found), width=WIDTH - 0.8)
     figure = blank(WIDTH, 2.7 + below.height)
     axes = figure.subplots()
     axes.bar(np.arange(len(value)), value, width=0.7, color=BLUE)
-    axes.axhline(
-        expected,
-        color=ORANGE,
-        lw=1.2,
-        ls="--",
-        label=f"expected of one on average: {expected:.3g} (degrees of freedom / segments)",
-    )
+    look: dict[str, Any] = {"color": ORANGE, "lw": 1.2, "zorder": 3}
+    if alike:
+        words = f"expected of one on average: {expected:.3g} (degrees of freedom / segments)"
+        axes.axhline(expected, ls="--", label=words, **look)
+    else:
+        at = np.arange(len(value))
+        axes.hlines(own, at - 0.42, at + 0.42, label="expected of each (its readings less its leverage)", **look)
+    highest = max(float(value.max()), float(own.max(initial=expected)), 1e-12)
     axes.set_ylabel("chi-square")
-    axes.set_ylim(0, 1.25 * max(float(value.max()), expected, 1e-12))
+    axes.set_ylim(0, 1.25 * highest)
+    if highest > _WIDE * max(float(value.min()), 1e-12) and not alike:
+        axes.set_yscale("log")
+        powers(axes.yaxis)
+        axes.set_ylim(0.5 * max(float(min(value.min(), own.min())), 1e-3 * highest), 3.0 * highest)
     axes.legend(loc="upper right", frameon=False)
     below.write(axes)
     axes.set_xlabel(below.label)
     p = calibration.fit.p_value
-    said = "" if p is None or calibration.fit.degrees_of_freedom == 0 else f", probability {p:.2g}"
+    said = "" if p is None or calibration.fit.degrees_of_freedom == 0 else f", probability {probability(p)}"
     title(
         axes,
         f"chi-square of each segment; of the fit {calibration.fit.chi2:.4g} for {calibration.fit.degrees_of_freedom}{said}",
@@ -274,33 +322,49 @@ def before_after(comparison: Comparison) -> Figure:
     def draw(axes: Any, q: _Quantity, x: Array) -> None:
         own = [pairs[i] for i in q.index]
         before, after = (np.array([getattr(p, k) for p in own]) for k in ("before", "after"))
-        unit, size = shown_unit(float(np.median(np.abs([*before, *after]))) + 1e-300, q.unit)
+        unit, size = shown_unit(float(np.median(np.abs(after))) + 1e-300, q.unit)
         least = _least(own)
-        low, high = size * np.maximum(np.abs(after), least), size * np.maximum(np.abs(before), least)
-        _uprights(axes, x, low, high, "#bbbbbb")
-        axes.semilogy(x, high, "s", ms=3.8, mfc="white", mec=ORANGE, mew=1.0, label=comparison.before)
-        axes.semilogy(x, low, "o", ms=3.8, color=BLUE, label=comparison.after)
-        title(axes, _fall(q.what, before, after, q.unit))
+        drawn = [size * np.maximum(np.abs(v), least) for v in (before, after)]
+        below = [np.abs(v) < least for v in (before, after)]
+        _uprights(axes, x, drawn[1], drawn[0], "#bbbbbb")
+        for y, under, (marker, look) in zip(drawn, below, _LOOKS, strict=True):
+            axes.semilogy(x[~under], y[~under], marker, ms=3.8, **look)
+            axes.semilogy(x[under], y[under], "v", ms=4.6, **look)
+        hidden.append(bool(np.any(below)))
+        title(axes, _fall(q.what, before, after, q.unit, unit))
         axes.set_ylabel(f"|residual|{in_brackets(unit)}")
         powers(axes.yaxis)
         bottom, top = axes.get_ylim()
         axes.set_ylim(bottom / 1.3, max(top * 1.3, bottom * 20))
 
+    hidden: list[bool] = []
     figure = _panels(quantities, names, draw)
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=2, frameon=False)
+    handles = _explained(comparison, below=any(hidden))
+    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), frameon=False)
     return figure
 
 
+def _explained(comparison: Comparison, *, below: bool) -> list[Any]:
+    """Marks of a legend."""
+    from matplotlib.lines import Line2D
+
+    words = (comparison.before, comparison.after)
+    out = [Line2D([], [], ls="", marker=m, ms=4, label=w, **k) for w, (m, k) in zip(words, _LOOKS, strict=True)]
+    if below:
+        mark: dict[str, Any] = {"mfc": "white", "mec": GREY, "mew": 1.0}
+        out.append(Line2D([], [], ls="", marker="v", ms=4.6, label="smaller than is drawn", **mark))
+    return out
+
+
 def _least(own: Sequence[Pair]) -> float:
-    """Residuals that happen to be nothing are drawn at a hundredth of their uncertainty."""
+    """A hundredth of the uncertainty, below which a residual that happens to be nothing is only marked."""
     sigma = [p.standard_uncertainty for p in own if p.standard_uncertainty > 0]
-    return 0.01 * float(np.median(sigma)) if sigma else 1e-300
+    return _LEAST * float(np.median(sigma)) if sigma else 1e-300
 
 
-def _fall(what: str, before: Array, after: Array, unit: str) -> str:
-    first, _, unit_first = number(*_rms(before), unit)
-    last, _, unit_last = number(*_rms(after), unit)
+def _fall(what: str, before: Array, after: Array, si_unit: str, unit: str) -> str:
+    first, _, unit_first = number(*_rms(before), si_unit, unit)
+    last, _, unit_last = number(*_rms(after), si_unit, unit)
     return f"{what}: rms {first} {unit_first} → {last} {unit_last}".replace("  ", " ")
 
 
@@ -310,10 +374,12 @@ def _list_before_after(comparison: Comparison) -> Figure:
     pairs = [every[i] for i in _largest(gain, [p.segment for p in every])]
     order = {s: i for i, s in enumerate(dict.fromkeys(p.segment for p in pairs))}
     pairs.sort(key=lambda p: order[p.segment])
+    units = _units([(p.unit, p.after, p.standard_uncertainty) for p in pairs])
     rows = []
     for p in pairs:
-        after, _, unit = number(p.after, p.standard_uncertainty, p.unit)
-        before, _, unit_before = number(p.before, max(p.standard_uncertainty, abs(p.before) / 30), p.unit)
+        after, _, unit = number(p.after, p.standard_uncertainty, p.unit, units[p.unit])
+        spread = max(p.standard_uncertainty, abs(p.before) / 30)
+        before, _, unit_before = number(p.before, spread, p.unit, units[p.unit])
         rows.append(Row(_named(p.segment), p.what, f"{before} {unit_before} → {after} {unit}".replace("  ", " ")))
     figure, axes, y = table(
         rows,
@@ -325,13 +391,20 @@ def _list_before_after(comparison: Comparison) -> Figure:
         np.array([max(abs(getattr(p, k)), 1e-300) / (p.standard_uncertainty or math.nan) for p in pairs])
         for k in ("before", "after")
     ]
-    before, after = (np.maximum(s, 0.02) for s in sizes)
+    drawn = [np.maximum(s, _LEAST) for s in sizes]
+    below = [s < _LEAST for s in sizes]
+    at = np.array(y)
     axes.set_xscale("log")
     powers(axes.xaxis)
     axes.axvspan(1e-3, 2, color=BAND, zorder=0)
-    axes.hlines(y, after, before, color="#bbbbbb", lw=0.8, zorder=1)
-    axes.plot(before, y, "s", ms=4, mfc="white", mec=ORANGE, mew=1.0, label=comparison.before)
-    axes.plot(after, y, "o", ms=4, color=BLUE, label=comparison.after)
-    axes.set_xlim(0.015, 1.6 * max(float(np.nanmax([*before, *after])), 5.0))
-    legend(figure, axes, 2)
+    axes.hlines(y, drawn[1], drawn[0], color="#bbbbbb", lw=0.8, zorder=1)
+    for x, under, (marker, look) in zip(drawn, below, _LOOKS, strict=True):
+        axes.plot(x[~under], at[~under], marker, ms=4, **look)
+        axes.plot(x[under], at[under], "<", ms=4.6, **look)
+    ends = np.concatenate(drawn)
+    axes.set_xlim(max(0.75 * float(np.nanmin(ends)), 0.75 * _LEAST), 1.6 * max(float(np.nanmax(ends)), 5.0))
+    handles = _explained(comparison, below=bool(np.any(below)))
+    for handle in handles[2:]:
+        handle.set_marker("<")
+    below_heading(figure, handles, 3)
     return figure

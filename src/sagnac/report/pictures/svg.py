@@ -25,6 +25,7 @@ _PART = re.compile(r"M([^Mz]*)(z?)")
 _LONG = 2000
 """Letters of an outline that is drawn to a tenth of a point."""
 _OUTLINE = re.compile(r'(<path[^>]*\bd=")([^"]*)(")', re.DOTALL)
+_UNSAID = ("Date", "Creator", "Format", "Type")
 _GAP = re.compile(r">\s+<")
 _STYLE = re.compile(r"<defs><style[^>]*>\*\{([^}]*)\}</style></defs>")
 _LONE = re.compile(r"<g>(<(?:path|use)[^>]*/>)</g>")
@@ -47,12 +48,14 @@ def svg(figure: Figure) -> str:
         One ``<svg>`` element with its size in points and a view box.
     """
     import matplotlib as mpl
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     buffer = io.StringIO()
     with family():
         settle(figure)
         mpl.rcParams["svg.hashsalt"] = "sagnac"
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+        # savefig would draw the figure twice
+        FigureCanvasSVG(figure).print_svg(buffer, metadata=dict.fromkeys(_UNSAID))  # type: ignore[no-untyped-call]
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = _COMMENT.sub("", _METADATA.sub("", text))
