@@ -89,7 +89,7 @@ def refuse_vague(values: Array, right: Array, scale: Array, names: Sequence[str]
     if vague and misfit > _MISFIT:
         raise DataError(
             f"the readings miss the model by {misfit:.3g} times what noise and stated uncertainty allow, which leaves nothing of "
-            "use: check angles, rates, times and units of the plan against what was done, and the table's stated uncertainty"
+            "use: check angles, rates, times and units of the plan against what was done, and the rig's stated uncertainty"
         )
     if vague:
         raise DataError(
