@@ -99,7 +99,7 @@ def test_examples_are_command_lines_that_parse(name, line):
 def test_calibrate_writes_and_prints_the_same_result(run, rig, tmp_path):
     before = digest(rig.recording, rig.plan_file)
     outcome = run("calibrate", "multi-position", rig.recording, "--plan", rig.plan_file, "--out", "cal.json", "--json")
-    assert (outcome.status, outcome.err) == (0, "")
+    assert (outcome.status, outcome.err) == (0, "written: cal.json\n")
     assert loads(outcome.out) == load(tmp_path / "cal.json")
     # gyro biases of [DONG18] within six standard uncertainties as the result states them
     result = load(tmp_path / "cal.json")

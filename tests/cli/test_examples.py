@@ -75,17 +75,20 @@ def parked(path: Path, latitude: float = np.radians(34.246), height: float = 380
 
 
 @pytest.fixture(scope="module")
-def files(rig, tmp_path_factory) -> Path:
+def files(rig, rig_again, tmp_path_factory) -> Path:
     """A folder with every file that an example names."""
     made, folder = tmp_path_factory.mktemp("made"), tmp_path_factory.mktemp("files")
     shutil.copy(rig.plan_file, folder / "plan.toml")
     as_csv(rig.recording, folder / "recording.csv")
-    shutil.copy(folder / "recording.csv", folder / "check.csv")
-    shutil.copy(rig.recording, folder / "check.parquet")
-    shutil.copy(rig.plan_file, folder / "check.toml")
-    calibrate("norm", open_recording(folder / "recording.csv", scale=rig.plan.unit.scale), rig.plan).save(
-        folder / "cal.json"
-    )
+    as_csv(rig_again.recording, folder / "check.csv")
+    shutil.copy(rig_again.recording, folder / "check.parquet")
+    shutil.copy(rig_again.plan_file, folder / "check.toml")
+    for file, method, result in (
+        ("recording.csv", "norm", "cal.json"),
+        ("check.csv", "norm", "last-year.json"),
+        ("recording.csv", "multi-position", "as-found.json"),
+    ):
+        calibrate(method, open_recording(folder / file, scale=rig.plan.unit.scale), rig.plan).save(folder / result)
     hand_turned(folder / "log.csv")
     arm = simulated(made, "centrifuge-accel")
     as_csv(arm / "recording.parquet", folder / "spun.csv")
@@ -95,7 +98,6 @@ def files(rig, tmp_path_factory) -> Path:
         shutil.copy(ship / name, folder / name)
     covariance(folder / "config.toml", folder / "aligned")
     shutil.copy(folder / "aligned" / "alignment.json", folder)
-    shutil.copy(folder / "cal.json", folder / "last-year.json")
     (folder / "details.toml").write_text('number = "C-1"\n[laboratory]\nname = "The laboratory"\n')
     (folder / "limits.toml").write_text('[limits]\n"accel.bias.*" = "10 mg"\n')
     parked(folder / "parked.parquet")

@@ -13,14 +13,19 @@ from sagnac.recording import open_recording
 
 
 @pytest.fixture(scope="module")
-def lab(rig, tmp_path_factory):
-    """A calibration with its recording and plan beside it."""
+def lab(rig, rig_again, tmp_path_factory):
+    """A calibration with its recording and plan beside it, and one of another recording of the same unit."""
     folder = tmp_path_factory.mktemp("lab")
-    for file in (rig.recording, rig.plan_file):
+    for file in (rig.recording, rig.plan_file, rig_again.recording, rig_again.plan_file):
         (folder / file.name).write_bytes(file.read_bytes())
+    again = open_recording(folder / "again.parquet", scale=rig.plan.unit.scale)
+    calibrate("norm", again, rig.plan).save(folder / "again.json")
     recording = open_recording(folder / "recording.parquet", scale=rig.plan.unit.scale)
     calibrate("norm", recording, rig.plan).with_source(folder / "plan.toml", "plan").save(folder / "cal.json")
     return folder
+
+
+LAB = "<lab>/"
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +79,7 @@ def test_a_certificate_is_written_in_both_forms(run, lab, tmp_path):
 def test_everything_that_can_be_added_is_added(run, lab, tmp_path):
     (tmp_path / "d.toml").write_text('number = "C-77"\n[laboratory]\nname = "Lab <&> #x"\n')
     (tmp_path / "l.toml").write_text('rule = "simple acceptance"\n[limits]\n"accel.bias.*" = "4 mg"\n')
-    options = ("--check", lab / "recording.parquet", "--check-plan", lab / "plan.toml", "--earlier", lab / "cal.json")
+    options = ("--check", lab / "again.parquet", "--check-plan", lab / "again.toml", "--as-found", lab / "again.json")
     more = ("--details", "d.toml", "--limits", "l.toml", "-k", "3")
     assert run("report", lab / "cal.json", "--out", "c.html", *options, *more).status == 0
     page = (tmp_path / "c.html").read_text()
@@ -99,10 +104,13 @@ def test_everything_that_can_be_added_is_added(run, lab, tmp_path):
         (("--out", "c.html", "--limits", "none.toml"), "cannot read the limits"),
         (("--out", "c.html", "--details", "none.toml"), "cannot read the details"),
         (("--out", "c.html", "--check-plan", "none.toml"), "(--check)"),
+        (("--out", "c.html", "--check", LAB + "recording.parquet"), "recording that the calibration was made from"),
+        (("--out", "c.html", "--check", LAB + "again.parquet"), "(--check-plan)"),
+        (("--out", "c.html", "--earlier", LAB + "cal.json"), "given twice"),
     ],
 )
 def test_what_cannot_be_done_is_refused_before_anything_is_written(run, lab, tmp_path, arguments, message):
-    done = run("report", lab / "cal.json", *arguments)
+    done = run("report", lab / "cal.json", *(str(a).replace(LAB, f"{lab}/") for a in arguments))
     assert done.status == 2
     assert message in done.err
     assert list(tmp_path.iterdir()) == []
@@ -175,3 +183,54 @@ def test_an_alignment_takes_no_limits(run, aligned, tmp_path):
     done = run("report", aligned / "alignment.json", "--out", "a.html", "--limits", "l.toml")
     assert done.status == 2
     assert "takes no --limits" in done.err
+
+
+def test_the_folder_of_an_alignment_will_do(run, aligned, tmp_path):
+    assert run("report", aligned, "--out", "a.html").status == 0
+    assert "Covariance analysis" in (tmp_path / "a.html").read_text()
+    done = run("report", tmp_path, "--out", "b.html")
+    assert (done.status, "alignment.json: cannot be read" in done.err) == (2, True)
+
+
+def test_a_recording_is_no_result(run, lab):
+    done = run("report", lab / "recording.parquet", "--out", "c.html")
+    assert done.status == 2
+    assert "recording.parquet: is no calibration or alignment file (JSON)" in done.err
+
+
+def test_what_is_missing_and_what_is_wrong_is_told_at_the_terminal(run, lab, tmp_path):
+    (tmp_path / "alone.json").write_text((lab / "cal.json").read_text().replace(str(lab), "/no/such/folder"))
+    (tmp_path / "d.toml").write_text('[[standard]]\nname = "Level"\nvalid_until = 2001-01-01\n')
+    done = run("report", "alone.json", "--out", "c.html", "--details", "d.toml")
+    assert done.status == 0
+    assert "give it with --recording" in done.err
+    assert "give it with --plan" in done.err
+    assert "warning: the standard 'Level' was valid until 2001-01-01" in done.err
+    page = re.sub(
+        r"<script.*?</script>|<style.*?</style>|<svg.*?</svg>", "", (tmp_path / "c.html").read_text(), flags=re.DOTALL
+    )
+    assert "valid until 2001-01-01" in page
+    assert not re.search(r"--[a-z]", page)
+
+
+def test_characters_without_a_font_are_named(run, lab, tmp_path):
+    pytest.importorskip("typst")
+    # a private use character is shown as unknown; of Egyptian hieroglyphs no usual machine has a font
+    (tmp_path / "d.toml").write_text('number = "N \U00013080"\n', encoding="utf-8")
+    done = run("report", lab / "cal.json", "--out", "c.pdf", "--out", "c.html", "--details", "d.toml")
+    assert done.status == 0
+    assert "warning: c.pdf: no font at hand has" in done.err
+    assert "(U+13080)" in done.err
+    assert "c.html: " not in done.err
+
+
+def test_calibrate_says_what_it_has_written(run, lab, tmp_path):
+    files = ("--out", "cal.json", "--certificate", "c.html", "--plot", "log.svg")
+    done = run("calibrate", "norm", lab / "recording.parquet", "--plan", lab / "plan.toml", *files)
+    assert done.status == 0
+    assert [line for line in done.err.splitlines() if line.startswith("written")] == [
+        "written: cal.json",
+        "written: log.svg",
+        "written: c.html",
+    ]
+    assert all((tmp_path / name).exists() for name in files[1::2])

@@ -73,6 +73,28 @@ def test_values_stand_in_the_units_of_the_field(made):
     assert rows["heading"][2] == "deg"
 
 
+def test_a_place_that_was_given_is_shown_as_given_and_to_a_centimetre(made):
+    place = [
+        {"name": "latitude", "value": 0.5977062933960191, "unit": "rad", "standard_uncertainty": 0.0},
+        {"name": "height", "value": 380.0, "unit": "m", "standard_uncertainty": 0.0},
+    ]
+    (grid,) = [g for g in blocks(made(place=place), Grid) if g.caption == "Result"]
+    rows = {row[0]: row[1:] for row in grid.rows}
+    assert rows["latitude"] == ("34.2460480", "given", "deg", "given")  # 0.5977062933960191 rad
+    assert rows["height"] == ("380.00", "given", "m", "given")
+
+
+def test_the_axes_of_one_quantity_have_the_same_digits(made):
+    parameters = [
+        {"name": f"gyro.bias.{a}", "value": 1e-7, "unit": "rad/s", "standard_uncertainty": u}
+        for a, u in zip("xyz", (1.3e-8, 4.8e-8, 4.8e-9), strict=True)
+    ]
+    (grid,) = [g for g in blocks(made(parameters=parameters, observed=[], course=[]), Grid) if g.caption == "Result"]
+    shown = [row[1:4] for row in grid.rows if row[0].startswith("gyro.bias")]
+    assert {len(cell.partition(".")[2]) for row in shown for cell in row[:2]} == {4}
+    assert {row[2] for row in shown} == {"deg/h"}
+
+
 def test_what_was_not_observed_says_what_would_show_it(made):
     (grid,) = [g for g in blocks(made(), Grid) if g.caption == "Not observed"]
     assert grid.rows == (("misalignment.z", "90 %", "no turn", "a turn"),)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from sagnac.calibration import Calibration, Fit, Influence, Site, Software, Unit
 from sagnac.errors import InputError
 from sagnac.recording import open_recording
 from sagnac.report import html, pictures
-from sagnac.report.certificate import Details, Limits, certificate, gather, load_details, load_limits
+from sagnac.report.certificate import Details, Limits, certificate, concerns, gather, hints, load_details, load_limits
 from sagnac.report.certificate.coverage import cover
 from sagnac.report.certificate.evidence import of
 from sagnac.report.certificate.limits import Limit, assign, decide, outcome
@@ -22,6 +23,7 @@ from sagnac.report.certificate.methods import method_of
 from sagnac.report.document import Facts, Grid, Picture, Text, Verdict
 from sagnac.report.shown import MINUS, Scale, moment, percent, scale_of
 from sagnac.results import covariance_rows
+from sagnac.verification import Check
 
 MG = 9.80665e-3
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"></svg>'
@@ -307,12 +309,47 @@ def test_nothing_is_invented_without_details():
         ("[environment]\npressure = '1013'", "no pressure"),
         ("[environment]\nhumidity = 45", "text with its unit"),
         ("[[standard]]\nidentifier = 'x'", "name: is missing"),
+        ("issued = 2026-11-20\ncalibrated = 2026-11-22", "issued: 2026-11-20 is before 2026-11-22 (calibrated)"),
+        (
+            "calibrated = ['2026-11-20', '2026-11-22']\n[item]\nreceived = 2026-11-21",
+            "calibrated: 2026-11-20 is before",
+        ),
+        (
+            "issued = 2026-11-20\n[item]\nreceived = 2026-11-21",
+            "issued: 2026-11-20 is before 2026-11-21 (item.received)",
+        ),
+        ("[environment]\nhumidity = '140 %'", "between 0 % and 100 %"),
+        ("[environment]\nhumidity = ['-1 %', '40 %']", "between 0 % and 100 %"),
+        ("[environment]\npressure = '0 hPa'", "a pressure is positive"),
+        ("[environment]\npressure = '-3 kPa'", "a pressure is positive"),
+        ("[environment]\ntemperature = '-300 degC'", "no such temperature"),
     ],
 )
 def test_details_that_cannot_be_meant_are_refused(tmp_path, text, message):
     (tmp_path / "d.toml").write_text(text)
     with pytest.raises(InputError, match=re.escape(message)):
         load_details(tmp_path / "d.toml")
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_standard_that_was_no_longer_valid_is_seen(tmp_path):
+    text = """calibrated = ["2026-11-20", "2026-11-22"]
+    [[standard]]
+    name = "Level"
+    valid_until = 2026-11-21
+    [[standard]]
+    name = "Table"
+    valid_until = 2026-11-22
+    """
+    (tmp_path / "d.toml").write_text(text)
+    details = load_details(tmp_path / "d.toml")
+    (told,) = concerns(details, made())
+    assert told == "the standard 'Level' was valid until 2026-11-21, before the calibration of 2026-11-22"
+    shown = sections(certificate(of(made()), details))
+    for title in ("Summary", "Traceability"):
+        assert [b.style for b in shown[title].blocks if isinstance(b, Text) and "'Level'" in b.text] == ["warning"]
+    undated = details.model_copy(update={"calibrated": ""})
+    assert len(concerns(undated, made(created="2026-11-23T00:00:00+00:00"))) == 2
 
 
 def test_the_files_of_the_documentation_can_be_read(tmp_path):
@@ -334,11 +371,13 @@ def test_the_files_of_the_documentation_can_be_read(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def lab(rig, tmp_path_factory):
-    """A calibration by norm with its recording and plan beside it, and one by multi-position."""
+def lab(rig, rig_again, tmp_path_factory):
+    """A calibration by norm with its recording and plan beside it, and one by multi-position; one of another recording."""
     folder = tmp_path_factory.mktemp("lab")
-    for file in (rig.recording, rig.plan_file):
+    for file in (rig.recording, rig.plan_file, rig_again.recording, rig_again.plan_file):
         (folder / file.name).write_bytes(file.read_bytes())
+    other = open_recording(folder / "again.parquet", scale=rig.plan.unit.scale)
+    calibrate("norm", other, rig.plan).with_source(folder / "again.toml", "plan").save(folder / "again.json")
     recording = open_recording(folder / "recording.parquet", scale=rig.plan.unit.scale)
     for method in ("norm", "multi-position"):
         calibrate(method, recording, rig.plan).with_source(folder / "plan.toml", "plan").save(folder / f"{method}.json")
@@ -347,12 +386,13 @@ def lab(rig, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def full(lab):
-    """All that a certificate can hold. The check is the recording itself, which verification says."""
+    """All that a certificate can hold."""
     evidence = gather(
         lab / "norm.json",
-        check=lab / "recording.parquet",
-        check_plan=lab / "plan.toml",
-        earlier=lab / "multi-position.json",
+        check=lab / "again.parquet",
+        check_plan=lab / "again.toml",
+        earlier=lab / "again.json",
+        as_found=lab / "multi-position.json",
     )
     return certificate(evidence, Details(number="C-9"), Limits({"accel.bias.*": "10 mg"}))
 
@@ -374,7 +414,9 @@ def test_a_changed_file_is_not_found_and_not_taken(lab, tmp_path):
     evidence = gather(tmp_path / "norm.json")
     assert evidence.recording is None
     assert evidence.plan is not None
-    assert "--recording" in evidence.absent["recording"]
+    assert "was not found with the SHA-256" in evidence.absent["recording"]
+    (hint,) = hints(evidence)
+    assert "give it with --recording" in hint
     with pytest.raises(InputError, match="not the recording that the calibration was made from"):
         gather(tmp_path / "norm.json", recording=tmp_path / "recording.parquet")
     (tmp_path / "plan.toml").write_text("latitude = '45 deg'")
@@ -405,6 +447,64 @@ def test_files_that_cannot_be_are_refused(lab, tmp_path):
         gather(tmp_path / "x.json")
 
 
+def test_the_recording_that_the_fit_has_seen_verifies_nothing(lab):
+    with pytest.raises(InputError, match="is the recording that the calibration was made from"):
+        gather(lab / "norm.json", check=lab / "recording.parquet", check_plan=lab / "plan.toml")
+
+
+def test_a_calibration_that_had_a_plan_is_verified_with_one(lab):
+    with pytest.raises(InputError, match=r"give the plan of that recording too \(--check-plan\)"):
+        gather(lab / "norm.json", check=lab / "again.parquet")
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_where_the_fits_own_recording_is_not_known_unseen_is_not_claimed(lab, tmp_path):
+    from sagnac import load_calibration
+
+    known = load_calibration(lab / "norm.json")
+    known.model_copy(update={"source": ()}).save(tmp_path / "cal.json")
+    for file, claimed in ((lab / "norm.json", True), (tmp_path / "cal.json", False)):
+        said = words(
+            sections(certificate(gather(file, check=lab / "again.parquet", check_plan=lab / "again.toml")))[
+                "Verification"
+            ]
+        )
+        assert ("which the fit has not seen" in said) is claimed
+        assert ("could not be checked" in said) is not claimed
+
+
+def test_a_calibration_is_not_compared_with_itself(lab, tmp_path):
+    from sagnac import load_calibration
+
+    with pytest.raises(InputError, match="given twice"):
+        gather(lab / "norm.json", earlier=lab / "norm.json")
+    with pytest.raises(InputError, match="given twice"):
+        gather(lab / "norm.json", earlier=lab / "again.json", as_found=lab / "again.json")
+    again = load_calibration(lab / "norm.json").model_copy(update={"created": "2020-01-01T00:00:00+00:00"})
+    again.save(tmp_path / "again.json")
+    with pytest.raises(InputError, match="the same result"):
+        gather(lab / "norm.json", earlier=tmp_path / "again.json")
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_as_found_is_said_only_of_what_was_found(tmp_path):
+    names = {"unit": UnitName(model="unit", serial="7")}
+    made(((1.0, 0.1),), created="2025-03-04T05:06:07+00:00", **names).save(tmp_path / "old.json")
+    made(((2.0, 0.1),), **names).save(tmp_path / "new.json")
+    later = certificate(gather(tmp_path / "new.json", earlier=tmp_path / "old.json"))
+    section = sections(later)["Change since the calibration of 2025-03-04"]
+    assert set(table(section, "Change since")[0]) >= {"before", "now"}
+    assert "as found" not in words(section).lower()
+    adjusted = sections(certificate(gather(tmp_path / "new.json", as_found=tmp_path / "old.json")))
+    assert set(table(adjusted["As found, as left"], "As found")[0]) >= {"as found", "as left"}
+    assert "not known" not in words(section)
+    made(((2.5, 0.1),), unit=UnitName()).save(tmp_path / "unnamed.json")
+    doubtful = certificate(gather(tmp_path / "new.json", earlier=tmp_path / "unnamed.json"))
+    assert "That both are of the same unit is not known" in words(
+        sections(doubtful)["Change since the calibration of 2026-11-22"]
+    )
+
+
 def test_as_found_must_be_of_the_same_unit(lab, tmp_path):
     other = made(unit=UnitName(serial="another"))
     other.save(tmp_path / "other.json")
@@ -419,6 +519,7 @@ def test_as_found_must_be_of_the_same_unit(lab, tmp_path):
 
 
 def test_the_sections_stand_in_the_order_in_which_they_are_looked_for(full):
+    day = full.created[:10]
     assert [s.title for s in full.sections] == [
         "Identification",
         "Summary",
@@ -432,6 +533,7 @@ def test_the_sections_stand_in_the_order_in_which_they_are_looked_for(full):
         "Residuals",
         "Verification",
         "As found, as left",
+        f"Change since the calibration of {day}",
         "Remarks of the calibration",
         "Traceability",
         "Statements",
@@ -450,6 +552,7 @@ def test_every_picture_is_there(full):
         "Residuals",
         "Verification",
         "As found, as left",
+        f"Change since the calibration of {full.created[:10]}",
     }
     assert not [b for s in full.sections for b in s.blocks if isinstance(b, Text) and b.style == "missing"]
 
@@ -539,9 +642,9 @@ def test_the_same_calibration_gives_the_same_page():
 def test_a_calibration_alone_says_which_file_would_give_what_is_missing():
     document = certificate(of(made(segments=4)))
     missing = [b.text for s in document.sections for b in s.blocks if isinstance(b, Text) and b.style == "missing"]
-    assert any("--recording" in text for text in missing)
-    assert any("--check" in text for text in missing)
-    assert any("--plan" in text for text in missing)
+    assert any("the recording of the calibration was not given" in text for text in missing)
+    assert any("no recording that the fit has not seen was given" in text for text in missing)
+    assert any("the plan of the calibration was not given" in text for text in missing)
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -575,6 +678,26 @@ def test_a_unit_turned_by_hand_has_its_own_words():
     by_hand = made(remarks=("38 static intervals found in 512 s",))
     assert method_of(by_hand).title == "Norm, turned by hand"
     assert "turned by hand" in words(sections(certificate(of(by_hand)))["Rig and plan"])
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(("count", "listed"), [(60, 60), (61, 10), (300, 10)])
+def test_of_many_residuals_the_worst_are_listed(count, listed):
+    checks = tuple(
+        Check(f"s{i}", "static norm", 1e-6 * (i % 97) * (-1) ** i, 1e-5 * (1 + i % 3), "m/s^2") for i in range(count)
+    )
+    evidence = replace(of(made()), fit_checks=checks)
+    section = sections(certificate(evidence))["Residuals"]
+    rows = table(section, "recording of the calibration")
+    assert len(rows) == listed
+    assert table(section, "By quantity")[0]["number"] == str(count)
+    assert (f"The other {count - listed} are left out" in words(section)) is (listed < count)
+    if listed < count:
+        worst = sorted(checks, key=lambda c: -abs(c.z))[:10]
+        assert [r["segment"] for r in rows] == [c.segment for c in worst]
+    assert len({r["unit"] for r in rows}) == 1
+    assert len({len(r["residual"].partition(".")[2]) for r in rows}) == 1
+    assert not [r for r in rows if r["residual / u"] == f"{MINUS}0.0"]
 
 
 # --------------------------------------------------------------------------------------------------------- numbers

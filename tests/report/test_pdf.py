@@ -174,3 +174,35 @@ def test_a_pdf_is_written_whole(tmp_path, made_pdf):
     pdf.save(made(), tmp_path / "a.pdf")
     assert (tmp_path / "a.pdf").read_bytes() == made_pdf
     assert [p.name for p in tmp_path.iterdir()] == ["a.pdf"]
+
+
+def test_characters_that_no_font_has_are_known():
+    assert pdf.lacking(made("plain, ±, Ω, ש")) == pdf.lacking(made("plain"))
+    # Egyptian hieroglyphs, of which neither typst nor matplotlib nor a usual machine has a font
+    assert "\U00013080" in pdf.lacking(made("\U00013080 and \U00013080"))
+    assert pdf.lacking(made("\U00013080")).count("\U00013080") == 1
+
+
+def test_pictures_stand_where_they_are_told_and_tables_are_not_torn():
+    svg = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 10 12"><rect width="10" height="12"/></svg>'
+    rows = tuple((f"row{i}", "1") for i in range(30))
+    document = Document(
+        title="T",
+        subtitle="",
+        number="",
+        created="2026-11-22",
+        sections=(
+            Section("One", (Text("before"), Picture(svg, "drawn.", "a box"), Text("after"))),
+            Section("Two", (Grid(("name", "value"), rows, "lr", "whole"), Picture(svg, "next.", "a box"))),
+        ),
+    )
+    pages = [p.extract_text() for p in read(pdf.render(document)).pages]
+    text = letters("".join(pages))
+    places = [text.index(letters(word)) for word in ("before", "drawn.", "after", "whole", "row29", "next.")]
+    assert places == sorted(places)
+    assert [("row0" in p, "row29" in p) for p in pages if "row" in p] == [(True, True)]
+
+
+def test_a_warning_is_set_like_nothing_else():
+    document = Document("T", "", "", "2026-11-22", (Section("S", (Text("mind this", "warning"),)),))
+    assert "mind this" in read(pdf.render(document)).pages[0].extract_text()

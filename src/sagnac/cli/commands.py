@@ -133,7 +133,7 @@ def calibrate(
     """
     from ..calibrate import calibrate as run
     from ..calibration import load
-    from .terminal import announce_compilation
+    from .terminal import announce_compilation, note
 
     pages = certificate or []
     outputs = [("--out", out), ("--plot", plot), *(("--certificate", page) for page in pages)]
@@ -169,6 +169,8 @@ def calibrate(
         draw_log(opened, done, plot, static_threshold)
     if out is not None and pages:
         certify(out, pages, recording=recording, plan=plan, opening=opening)
+    for path in (*(p for p in (out, plot) if p is not None), *pages):
+        note(f"written: {path}")
     typer.echo(result.to_json() if as_json else result.summary(), nl=False)
 
 

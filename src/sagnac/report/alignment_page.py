@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path, PurePath
 
@@ -13,11 +14,13 @@ from ..align.result import Alignment, Value, loads
 from ..errors import InputError
 from .document import Attachment, Block, Bullets, Document, Facts, Grid, Section, Text, Verdict
 from .parts import correlation_grids, not_drawn, picture
-from .shown import Scale, convert, moment, or_not_stated
+from .shown import Scale, convert, moment, or_not_stated, term_of
 
 _KINDS = {"transfer": "Transfer alignment", "covariance": "Covariance analysis", "static": "Static alignment"}
 _UNITS = {"rad": "arcmin", "rad/s": "deg/h", "m/s^2": "ug", "s": "ms"}
 _DEGREES = ("heading", "pitch", "roll", "latitude", "longitude")
+_GIVEN_DIGITS = {"deg": 7, "m": 2}
+"""After the point, of a place that was given: about a centimetre."""
 _K = 2.0
 _CAPTIONS = {
     "estimates": "Estimates over time with bands of three standard deviations.",
@@ -73,8 +76,20 @@ def _scale(value: Value, uncertainty: float) -> Scale:
     unit = "deg" if value.name in _DEGREES else _UNITS.get(value.unit, value.unit)
     size = convert(1.0, value.unit, unit)
     shown = uncertainty * size
-    digits = min(9, max(0, 1 - math.floor(math.log10(shown)))) if shown > 0 else 4
+    digits = min(9, max(0, 1 - math.floor(math.log10(shown)))) if shown > 0 else _GIVEN_DIGITS.get(unit, 4)
     return Scale(unit, size, digits)
+
+
+def _scales(values: Sequence[Value], uncertainties: Sequence[float]) -> list[Scale]:
+    """The same for several, the axes of one quantity with the same digits: those of the smallest uncertainty."""
+    least: dict[tuple[str, str], float] = {}
+    for v, u in zip(values, uncertainties, strict=True):
+        if u > 0:
+            key = term_of(v.name), v.unit
+            least[key] = min(u, least.get(key, u))
+    return [
+        _scale(v, least[term_of(v.name), v.unit] if u > 0 else 0.0) for v, u in zip(values, uncertainties, strict=True)
+    ]
 
 
 def _summary(found: Alignment) -> Section:
@@ -104,13 +119,12 @@ def _summary(found: Alignment) -> Section:
 
 def _result(found: Alignment) -> Section:
     rows = []
-    for value in (*found.attitude, *found.place, *found.parameters):
-        expanded = _K * value.standard_uncertainty
-        scale = _scale(value, expanded)
+    values = (*found.attitude, *found.place, *found.parameters)
+    expanded = [_K * v.standard_uncertainty for v in values]
+    for value, size, scale in zip(values, expanded, _scales(values, expanded), strict=True):
         shown = "–" if value.value is None else scale.text(value.value)
-        rows.append(
-            (value.name, shown, scale.text(expanded), scale.unit_text, scale.text(value.standard_uncertainty, 1))
-        )
+        spread = (scale.text(size), scale.text(value.standard_uncertainty, 1)) if size > 0 else ("given", "given")
+        rows.append((value.name, shown, spread[0], scale.unit_text, spread[1]))
     words = (
         "U is the expanded uncertainty with the coverage factor k = 2, about 95 % of a normal distribution; u is the "
         "standard uncertainty. "
@@ -137,18 +151,17 @@ def _unseen(found: Alignment) -> Section | None:
         blocks.append(Bullets(found.not_separated))
     if found.observed:
         rows = []
-        for o in found.observed:
-            value = Value(name=o.name, value=None, unit=o.unit, standard_uncertainty=o.final)
-            scale = _scale(value, o.final)
+        values = [Value(name=o.name, value=None, unit=o.unit, standard_uncertainty=o.final) for o in found.observed]
+        for o, scale in zip(found.observed, _scales(values, [o.final for o in found.observed]), strict=True):
             left = f"{100 * o.final / o.initial:.3g} %" if o.initial > 0 else "–"
             rows.append((o.name, scale.text(o.initial), scale.text(o.final, 1), scale.unit_text, left))
         header = ("quantity", "u at the start", "u at the end", "unit", "left")
         blocks.append(Grid(header, tuple(rows), "lrrlr", "What the data took away"))
     if found.singular_values:
-        values = ", ".join(f"{v:.3g}" for v in found.singular_values)
+        singular = ", ".join(f"{v:.3g}" for v in found.singular_values)
         blocks.append(
             Text(
-                f"Singular values of the observability Gramian: {values}. Below 1 the data say less than was known before.",
+                f"Singular values of the observability Gramian: {singular}. Below 1 the data say less than was known before.",
                 "note",
             )
         )

@@ -24,12 +24,12 @@ UNKNOWN = "\N{REPLACEMENT CHARACTER}"
 class Text:
     """A paragraph.
 
-    A `note` stands back, a `missing` one says what is not there and what would bring it, in one of `maths` underscores
-    lower what follows them, as in an :class:`Equation`.
+    A `note` stands back, a `missing` one says what is not there and what would bring it, a `warning` is not to be missed, in one
+    of `maths` underscores lower what follows them, as in an :class:`Equation`.
     """
 
     text: str
-    style: Literal["plain", "note", "missing", "maths"] = "plain"
+    style: Literal["plain", "note", "missing", "warning", "maths"] = "plain"
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from ..errors import SagnacError
 from ..results import Uncertain
 from .document import Grid, Picture, Text
-from .shown import MINUS
+from .shown import MINUS, plain_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_COLUMNS = 20
+_COLUMNS = 22
 """Of the correlation matrix, side by side on a page."""
 
 
@@ -36,7 +36,7 @@ def picture(draw: Callable[[], Figure], caption: str, alt: str) -> Picture | Tex
 
 def not_drawn(caption: str, reason: str) -> Text:
     """What stands in the place of a picture: which one, and what would give it."""
-    what = f"{caption[:1].lower()}{caption[1:].rstrip('.')}"
+    what, reason = f"{caption[:1].lower()}{caption[1:].rstrip('.')}", plain_words(reason)
     return Text(f"Not drawn: {what}. {reason[:1].upper()}{reason[1:].rstrip('.')}.", "missing")
 
 

@@ -22,6 +22,7 @@ STANDARD: Final = "a-3b"
 """PDF for the archive, third part: the one that may carry attachments of any kind."""
 _NEEDED = "writing PDF needs typst: pip install 'sagnac[pdf]'"
 _RUN = 28  # characters that a narrow column can hold unbroken
+_NAME = 34  # and the first, of names
 _RUNNING = 100  # letters of the line at the head of a page
 _EPOCH = datetime.datetime(1980, 1, 1, tzinfo=datetime.UTC)
 _BREAK = "\u200b"
@@ -75,6 +76,44 @@ def render(document: Document) -> bytes:
     return _compiled(inputs, moment, _foreign(content))
 
 
+def lacking(document: Document) -> str:
+    """Characters of a document that no font at hand has.
+
+    Parameters
+    ----------
+    document : Document
+
+    Returns
+    -------
+    str
+        Each once, in the order of their numbers. Where the PDF has a box or a � in their place.
+    """
+    foreign = sorted(_foreign(plain(document)))
+    if not foreign:
+        return ""
+    with _font_folder(_FONTS) as folder:
+        return "".join(c for c in foreign if not _shows(c, folder))
+
+
+def _shows(character: str, folder: str) -> bool:
+    """Whether a font has the character: an archivable PDF with it can be made, which asks for that."""
+    import typst
+
+    try:
+        typst.compile(
+            b'#sys.inputs.at("character")',
+            format="pdf",
+            font_paths=typst.Fonts(include_system_fonts=True, font_paths=[folder]),
+            ignore_system_fonts=False,
+            sys_inputs={"character": character},
+            pdf_standards=STANDARD,
+            timestamp=_EPOCH,
+        )
+    except typst.TypstError:
+        return False
+    return True
+
+
 def _day(created: str) -> datetime.datetime:
     """Midnight of the document's date; a text that is no date, or lies before 1980, is the first of that year."""
     try:
@@ -84,11 +123,12 @@ def _day(created: str) -> datetime.datetime:
     return max(day.replace(tzinfo=datetime.UTC), _EPOCH)
 
 
-def save(document: Document, path: str | Path) -> None:
-    """Write the PDF, whole or not at all."""
+def save(document: Document, path: str | Path) -> str:
+    """Write the PDF, whole or not at all; returns the characters that it lacks, see :func:`lacking`."""
     data = render(document)
     with write_atomically(path) as temporary:
         temporary.write_bytes(data)
+    return lacking(document)
 
 
 def _compiled(inputs: dict[str, str], moment: datetime.datetime, foreign: set[str]) -> bytes:
@@ -173,8 +213,10 @@ def _soften(content: dict[str, Any]) -> None:
             if "items" in block:
                 block["items"] = [_broken(i, 60) for i in block["items"]]
             if "rows" in block:
-                limit = 70 if block["kind"] == "facts" else _RUN
-                block["rows"] = [[_broken(c, limit) for c in row] for row in block["rows"]]
+                first, others = (70, 70) if block["kind"] == "facts" else (_NAME, _RUN)
+                block["rows"] = [
+                    [_broken(c, others if i else first) for i, c in enumerate(row)] for row in block["rows"]
+                ]
     running = f"{content['title']}: {content['subtitle']}"
     content["running"] = running if len(running) <= _RUNNING else f"{running[: _RUNNING - 1]}…"
     content["name"] = f"{content['title']} {content['number']}".strip()  # of the file: as it is

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import datetime
 import math
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from .. import units
 from ..calibration import Value, printed
 from ..errors import InputError
-from .style import pretty
+from .style import common_unit, pretty
 
 BLANK = "\N{NO-BREAK SPACE}"
 MINUS = "\N{MINUS SIGN}"
 NOT_STATED = "not stated"
+_FAR = 30.0
+"""Times the smallest uncertainty of a group up to which a parameter has the digits of the group."""
+_OPTION = re.compile(r"\s*\((?:[^()]*\s)?--[a-z][^()]*\)|;?\s*see --[a-z-]+")
+_KEY_ALONE = re.compile(r"\s*\((?:unit|rig)\.[a-z_.]+\)")
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,48 @@ class Scale:
     def unit_text(self) -> str:
         """The unit as it is set in print, ``1`` for a plain number."""
         return pretty(self.unit) or "1"
+
+
+def term_of(name: str) -> str:
+    """The name without its axes, which like parameters share: ``gyro.misalignment`` of ``gyro.misalignment.xy``."""
+    head, _, axes = name.rpartition(".")
+    return head if head and len(axes) <= 2 and not set(axes) - set("xyz") else name
+
+
+def scales_of(parameters: Sequence[Value], expanded: Sequence[float]) -> dict[str, Scale]:
+    """How parameters are shown: those of one term of a sensor in one unit, and with the same digits.
+
+    Unit and digits are those of the smallest uncertainty of the term; a parameter that is known far worse has digits of its own.
+    Where all are exact, each is by itself.
+
+    Parameters
+    ----------
+    parameters : sequence of Value
+    expanded : sequence of float
+        SI.
+
+    Returns
+    -------
+    dict of str to Scale
+        By name.
+    """
+    groups: dict[tuple[str, str], list[tuple[Value, float]]] = {}
+    for p, size in zip(parameters, expanded, strict=True):
+        groups.setdefault((term_of(p.name), p.unit), []).append((p, size))
+    out: dict[str, Scale] = {}
+    for own in groups.values():
+        sizes = np.array([size for _, size in own])
+        known = sizes[sizes > 0]
+        if not known.size:
+            out |= {p.name: scale_of(p, size) for p, size in own}
+            continue
+        si_unit, least = own[0][0].unit, float(known.min())
+        unit = common_unit(np.array([p.value for p, _ in own]), known.min(keepdims=True), si_unit)
+        factor = convert(1.0, si_unit, unit)
+        for p, size in own:
+            deserved = size if size > _FAR * least else least
+            out[p.name] = Scale(unit, factor, max(0, 1 - math.floor(math.log10(deserved * factor))))
+    return out
 
 
 def scale_of(parameter: Value, expanded: float) -> Scale:
@@ -92,7 +142,7 @@ def percent(probability: float) -> str:
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
     """A number with its unit."""
-    return f"{value:.{digits}g}{BLANK}{pretty(unit)}".replace("-", MINUS).strip()
+    return f"{value + 0.0:.{digits}g}{BLANK}{pretty(unit)}".replace("-", MINUS).strip()
 
 
 def moment(text: str) -> str:
@@ -102,3 +152,18 @@ def moment(text: str) -> str:
     except ValueError:
         return text
     return f"{at:%Y-%m-%d %H:%M:%S}" + (" UTC" if at.utcoffset() == datetime.timedelta(0) else f" {at:%z}".rstrip())
+
+
+def plain_words(text: str, words: Mapping[str, str] | None = None) -> str:
+    """A message of the program in the words of a report: without options of the command line and keys of files.
+
+    Parameters
+    ----------
+    text : str
+    words : mapping of str to str, optional
+        What stands for which key; longer keys go first.
+    """
+    text = _KEY_ALONE.sub("", _OPTION.sub("", text))
+    for key, said in sorted((words or {}).items(), key=lambda kv: -len(kv[0])):
+        text = re.sub(rf"(?<![\w.]){re.escape(key)}(?![\w.]*\w)", said, text)
+    return text

@@ -11,9 +11,9 @@ from ...calibration import Calibration
 from ...errors import InputError
 from ..document import Document
 from .build import certificate
-from .details import Details
+from .details import Details, concerns
 from .details import load as load_details
-from .evidence import Evidence, gather
+from .evidence import Evidence, gather, hints
 from .limits import Limits
 from .limits import load as load_limits
 
@@ -24,11 +24,16 @@ __all__ = [
     "Limits",
     "certificate",
     "check_output",
+    "concerns",
     "gather",
+    "hints",
     "load_details",
     "load_limits",
     "write",
 ]
+
+_LISTED = 12
+"""Characters that a message names."""
 
 
 def check_output(path: str | Path, option: str = "--out") -> None:
@@ -48,8 +53,13 @@ def check_output(path: str | Path, option: str = "--out") -> None:
         check()
 
 
-def write(document: Document, path: str | Path) -> None:
+def write(document: Document, path: str | Path) -> tuple[str, ...]:
     """Write a document as HTML or PDF by the ending of the file.
+
+    Returns
+    -------
+    tuple of str
+        What the reader will not see as it was written: characters that no font has.
 
     Raises
     ------
@@ -60,8 +70,15 @@ def write(document: Document, path: str | Path) -> None:
     if Path(path).suffix.lower() == ".pdf":
         from .. import pdf
 
-        pdf.save(document, path)
-    else:
-        from .. import html
+        lacking = pdf.save(document, path)
+        if not lacking:
+            return ()
+        listed = " ".join(f"{c} (U+{ord(c):04X})" for c in lacking[:_LISTED])
+        more = f" and {len(lacking) - _LISTED} more" if len(lacking) > _LISTED else ""
+        return (
+            f"no font at hand has {listed}{more}: shown as boxes or �; install a font that has them (Noto, say) or write HTML",
+        )
+    from .. import html
 
-        html.save(document, path)
+    html.save(document, path)
+    return ()

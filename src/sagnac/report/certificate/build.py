@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..document import Document, Section
-from . import appendix, checks, conditions, identity, outcome
+from . import appendix, budget, change, checks, conditions, identity, outcome
 from .context import prepare
 from .details import Details
 from .evidence import Evidence
@@ -49,10 +49,11 @@ def certificate(
         outcome.results(context),
         outcome.correlation(context),
         outcome.conformity(context),
-        outcome.budget(context),
+        budget.budget(context),
         checks.residuals(context),
         checks.verification(context),
-        outcome.as_found(context),
+        change.as_found(context),
+        change.since_earlier(context),
         identity.remarks(context),
         identity.traceability(context),
         identity.statements(context),

@@ -11,12 +11,14 @@ from ...verification import Check
 from .. import pictures
 from ..document import Block, Bullets, Grid, Section, Text, Verdict
 from ..parts import picture
-from ..shown import percent, quantity, scale_of
+from ..shown import Scale, moment, percent, plain_words, quantity, scales_of
 from ..style import shown_unit
+from .conditions import KEYS
 from .context import Context
 
-_ROWS = 240
-"""Residuals that the table lists; more are summed up by quantity."""
+_ROWS = 60
+"""Residuals that a table lists; of more, they are summed up by quantity, and the worst are listed."""
+_WORST = 10
 
 
 def residuals(context: Context) -> Section:
@@ -35,7 +37,7 @@ def residuals(context: Context) -> Section:
         blocks += _table(checks, "Residuals on the recording of the calibration")
     else:
         why = [evidence.absent[k] for k in ("recording", "plan", "residuals") if k in evidence.absent]
-        reason = "; ".join(why) or "the recording shows none"
+        reason = plain_words("; ".join(why), KEYS) or "the recording shows none"
         blocks.append(Text(f"Residuals in their own units are not shown: {reason}.", "missing"))
     if calibration.fit.influence:
         blocks += _influence(context)
@@ -48,7 +50,12 @@ def _scatter(context: Context) -> list[Block]:
     for kind, s in fit.residuals.items():
         unit, size = shown_unit(s.rms, s.unit) if s.unit else ("", 1.0)
         rows.append((kind, quantity(s.rms * size, unit), f"{s.count}"))
-    return [Grid(("residuals", "rms", "number"), tuple(rows), "lrr", "Residuals of the fit")] if rows else []
+    if not rows:
+        return []
+    blocks: list[Block] = [Grid(("residuals", "rms", "number"), tuple(rows), "lrr", "Residuals of the fit")]
+    if "rotation" in fit.residuals:
+        blocks.append(Text("Of the rotations from rest to rest the calibration keeps the rms alone.", "note"))
+    return blocks
 
 
 def _influence(context: Context) -> list[Block]:
@@ -73,30 +80,53 @@ def _influence(context: Context) -> list[Block]:
 
 
 def _table(checks: Sequence[Check], title: str) -> list[Block]:
-    summed = _by_quantity(checks)
+    scales = _scales(checks)
+    blocks: list[Block] = [_by_quantity(checks, scales)]
+    listed = list(checks)
     if len(checks) > _ROWS:
-        return [summed, Text(f"The {len(checks)} single residuals are not listed.", "note")]
+        listed = sorted(checks, key=lambda c: -abs(c.z))[:_WORST]
+        title = f"{title}: the {_WORST} largest of {len(checks)}, over their standard uncertainties"
     rows = []
-    for c in checks:
-        scale = scale_of(
-            Value(name=c.what, value=c.residual, unit=c.unit, standard_uncertainty=c.standard_uncertainty),
-            c.standard_uncertainty,
-        )
-        ratio = f"{c.z:.1f}".replace("-", "−") if math.isfinite(c.z) else "–"
+    for c in listed:
+        scale = scales[c.what]
+        ratio = f"{c.z:.1f}".replace("-", "" if abs(c.z) < 0.05 else "−") if math.isfinite(c.z) else "–"
         rows.append(
             (c.segment, c.what, scale.text(c.residual), scale.text(c.standard_uncertainty), scale.unit_text, ratio)
         )
     header = ("segment", "quantity", "residual", "u", "unit", "residual / u")
-    return [summed, Grid(header, tuple(rows), "llrrlr", title, len(rows) > 40)]
+    blocks.append(Grid(header, tuple(rows), "llrrlr", title))
+    if len(listed) < len(checks):
+        rest = len(checks) - len(listed)
+        blocks.append(
+            Text(
+                f"The other {rest} are left out here. They follow from the calibration, the recording and its plan, which are "
+                "named with their SHA-256 under Software and data.",
+                "note",
+            )
+        )
+    return blocks
 
 
-def _by_quantity(checks: Sequence[Check]) -> Grid:
+def _scales(checks: Sequence[Check]) -> dict[str, Scale]:
+    """How each quantity is shown: one unit, and the digits of its smallest uncertainty."""
+    least = [
+        min((c for c in checks if c.what == kind), key=lambda c: c.standard_uncertainty) for kind in _kinds(checks)
+    ]
+    values = [Value(name=c.what, value=c.residual, unit=c.unit, standard_uncertainty=0.0) for c in least]
+    return scales_of(values, [c.standard_uncertainty for c in least])
+
+
+def _kinds(checks: Sequence[Check]) -> list[str]:
+    return list(dict.fromkeys(c.what for c in checks))
+
+
+def _by_quantity(checks: Sequence[Check], scales: dict[str, Scale]) -> Grid:
     rows = []
-    for kind in dict.fromkeys(c.what for c in checks):
+    for kind in _kinds(checks):
         here = [c for c in checks if c.what == kind]
         rms = math.sqrt(sum(c.residual**2 for c in here) / len(here))
         u = math.sqrt(sum(c.standard_uncertainty**2 for c in here) / len(here))
-        scale = scale_of(Value(name=kind, value=rms, unit=here[0].unit, standard_uncertainty=u), u)
+        scale = scales[kind]
         rows.append((kind, scale.text(rms, 1), scale.text(u, 1), scale.unit_text, f"{len(here)}"))
     return Grid(("quantity", "rms", "u, rms", "unit", "number"), tuple(rows), "lrrlr", "By quantity")
 
@@ -106,14 +136,15 @@ def verification(context: Context) -> Section:
     outcome, evidence = context.evidence.verification, context.evidence
     recording = evidence.check_recording
     if outcome is None or recording is None:
-        text = "Not made. A recording that the fit has not seen (--check, with its plan: --check-plan) gives it."
+        text = "Not made: no recording that the fit has not seen was given."
         return Section("Verification", (Text(text, "missing"),))
-    limit = "it passes while the probability of a larger chi-square is at least 1 %"
+    hashed = any(s.role == "recording" and s.sha256 for s in context.calibration.source)
+    seen = ", which the fit has not seen" if hashed else ""
+    limit = "it passes while the probability of a larger chi-square is at least 1\N{NO-BREAK SPACE}%"
     blocks: list[Block] = [
         Text(
-            f"The calibration was applied to the recording {_name(recording)}, which the fit has not seen, and "
-            "compared with the known norms of gravity "
-            f"and rate. All misfits together are judged by one chi-square; {limit}."
+            f"The calibration was applied to the recording {_name(recording)}{seen}, and compared with what is known of its "
+            f"inputs. All misfits together are judged by one chi-square; {limit}."
         ),
         Verdict(
             outcome.passed,
@@ -125,19 +156,29 @@ def verification(context: Context) -> Section:
         blocks.append(
             Text(f"Rotations between the attitudes close to {math.degrees(outcome.rotation_rms):.3g} deg rms.")
         )
+    if not hashed:
+        text = "The calibration holds no SHA-256 of its own recording: that its fit has not seen this one could not be checked."
+        blocks.append(Text(text, "warning"))
     blocks.append(
         picture(
             lambda: pictures.before_after(
                 pictures.comparison(context.calibration, recording, evidence.check_plan, evidence.earlier)
             ),
-            "Misfit to the known input at each position, before and after compensation.",
-            "Misfit at each position of the verification recording, before and after compensation",
+            f"Misfit to the known input at each position, {_before(context)}.",
+            f"Misfit at each position of the verification recording, {_before(context)}",
         )
     )
     blocks += _table(outcome.checks, "Misfits after compensation")
     if outcome.remarks:
-        blocks += [Text("Remarks:"), Bullets(outcome.remarks)]
+        blocks += [Text("Remarks:"), Bullets(tuple(plain_words(r, KEYS) for r in outcome.remarks))]
     return Section("Verification", tuple(blocks))
+
+
+def _before(context: Context) -> str:
+    earlier = context.evidence.earlier
+    if earlier is None:
+        return "before and after compensation"
+    return f"before with the calibration of {moment(earlier.created).partition(' ')[0]}, after with this one"
 
 
 def _name(recording: Recording) -> str:

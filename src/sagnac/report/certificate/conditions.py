@@ -9,7 +9,7 @@ from ...plan import Plan, Segment
 from .. import pictures
 from ..document import Block, Bullets, Equation, Facts, Grid, Section, Text
 from ..parts import not_drawn, picture
-from ..shown import MINUS, NOT_STATED, convert, or_not_stated, quantity
+from ..shown import MINUS, NOT_STATED, convert, or_not_stated, plain_words, quantity
 from ..style import pretty
 from .context import Context
 from .methods import by_hand, method_of, uncertainty_in_words
@@ -29,6 +29,19 @@ _LABELS = {
     "encoder_uncertainty": "Uncertainty of the encoder's eccentricity",
     "encoder_delay": "Delay of the encoder",
 }
+KEYS = {
+    **{f"rig.{key}": f"the {label[:1].lower()}{label[1:]}" for key, label in _LABELS.items()},
+    "unit.limits.accel_k2": "the limit of the accelerometers' K2",
+    "unit.limits.gyro_g_squared": "the limit of the gyros' g-squared sensitivity",
+    "unit.limits.accel_drift": "the limit of the accelerometers' drift",
+    "unit.limits.gyro_drift": "the limit of the gyros' drift",
+    "unit.limits.gyro_scale": "the limit of the gyros' scale errors",
+    "unit.limits": "the limits of the unit",
+    "unit.accel_k2": "the known K2 of the accelerometers",
+    "unit.noise": "the noise of the unit",
+    "gravity_uncertainty": "the uncertainty of gravity",
+}
+"""Keys of a plan in plain words."""
 _ANGLES = ("outer", "middle", "inner", "x_azimuth", "y_azimuth", "alpha", "beta", "gamma", "arm_phase")
 _RATES = ("outer_rate", "middle_rate", "inner_rate", "arm_rate", "spin_rate")
 _WORDS = ("z", "stage")
@@ -46,7 +59,7 @@ def rig(context: Context) -> Section:
         said = calibration.rig or (plan.rig.texts() if plan is not None else {})
         kind = said.get("kind", "")
         rows = [("Rig", _KINDS.get(kind, or_not_stated(kind)))]
-        rows += [(_LABELS.get(k, k), _tidy(v)) for k, v in said.items() if k != "kind"]
+        rows += [(_LABELS.get(k, k), tidy(v)) for k, v in said.items() if k != "kind"]
         blocks.append(Facts(tuple(rows)))
         if said:
             blocks.append(Text("Uncertainties are standard uncertainties, as stated in the plan.", "note"))
@@ -55,8 +68,13 @@ def rig(context: Context) -> Section:
     return Section("Rig and plan", tuple(blocks))
 
 
-def _tidy(text: str) -> str:
-    """A quantity as a plan writes it, in a unit and with digits that a person would write."""
+def tidy(text: str) -> str:
+    """A quantity as a plan writes it, in a unit and with digits that a person would write.
+
+    Parameters
+    ----------
+    text : str
+    """
     number, _, unit = text.partition(" ")
     try:
         value = float(number)
@@ -76,7 +94,10 @@ def _segments(context: Context) -> list[Block]:
         if by_hand(context.calibration):
             return []
         return [
-            Text(f"Table of segments not shown. {_sentence(context.evidence.absent.get('plan', 'No plan'))}", "missing")
+            Text(
+                f"Table of segments not shown. {_sentence(plain_words(context.evidence.absent.get('plan', 'No plan')))}",
+                "missing",
+            )
         ]
     if not plan.segment:
         return []

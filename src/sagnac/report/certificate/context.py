@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ...calibration import Calibration, Value
-from ..shown import Scale, scale_of
+from ..shown import Scale, scales_of
 from .coverage import Coverage, cover
 from .details import Details
 from .evidence import Evidence
@@ -56,7 +56,7 @@ def prepare(evidence: Evidence, details: Details, limits: Limits | None, k: floa
     """
     calibration = evidence.calibration
     coverage = cover(calibration, k)
-    scales = {p.name: scale_of(p, coverage.expanded(p)) for p in calibration.parameters}
+    scales = scales_of(calibration.parameters, [coverage.expanded(p) for p in calibration.parameters])
     decisions = {
         name: decide(calibration[name], limit, coverage.expanded(calibration[name]), coverage.dof[name], limits.rule)
         for name, limit in (assign(limits, calibration) if limits is not None else {}).items()

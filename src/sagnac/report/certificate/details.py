@@ -6,17 +6,25 @@ import datetime
 import math
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
 
 from ... import units
+from ...calibration import Calibration
 from ...errors import InputError
 from ...plan import read_toml
 from ...quantities import checked
 
 # pascals of the units that a barometer shows; the registry of units has no pressure
 _PRESSURES = {"Pa": 1.0, "hPa": 100.0, "kPa": 1e3, "mbar": 100.0, "bar": 1e5, "mmHg": 133.322, "inHg": 3386.39}
+_POSSIBLE = {"temperature": (0.0, math.inf), "ratio": (0.0, 1.0), "pressure": (math.ulp(0.0), math.inf)}
+"""Least and greatest, SI."""
+_IMPOSSIBLE = {
+    "temperature": "there is no such temperature",
+    "ratio": "relative humidity lies between 0 % and 100 %",
+    "pressure": "a pressure is positive",
+}
 _RANGE = re.compile(r"\s*(-?[\d.]+(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 
 
@@ -52,6 +60,10 @@ def _measured(kind: str) -> BeforeValidator:
         if len(both) not in (1, 2) or not all(isinstance(b, str) for b in both):
             raise ValueError("write a text with its unit, or the least and the greatest in brackets")
         values = [_value(b, kind) for b in both]
+        low, high = _POSSIBLE[kind]
+        for said, value in zip(both, values, strict=True):
+            if not low <= value <= high:
+                raise ValueError(f"{said!r}: {_IMPOSSIBLE[kind]}")
         if len(values) == 2 and values[1] < values[0]:
             raise ValueError(f"{both[1]!r} is below {both[0]!r}")
         return " to ".join(b.strip() for b in both)
@@ -138,6 +150,20 @@ class Details(_Record):
     environment: Environment = Environment()
     standard: tuple[Standard, ...] = ()
 
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        """Received, calibrated and issued follow one another; ISO dates are in the order of their texts."""
+        first, last = self.calibrated[:10], self.calibrated[-10:]
+        steps = (
+            ("item.received", self.item.received, "calibrated", first),
+            ("calibrated", last, "issued", self.issued),
+            ("item.received", self.item.received, "issued", self.issued),
+        )
+        for earlier, day, later, other in steps:
+            if day and other and other < day:
+                raise ValueError(f"{later}: {other} is before {day} ({earlier})")
+        return self
+
 
 def load(path: str | Path) -> Details:
     """Read the details of a certificate.
@@ -152,3 +178,27 @@ def load(path: str | Path) -> Details:
         With the key at fault and what to write instead.
     """
     return checked(Details, read_toml(path, "details"), str(path))
+
+
+def concerns(details: Details, calibration: Calibration) -> tuple[str, ...]:
+    """What speaks against the certificate and does not prevent it: standards that were no longer valid.
+
+    Parameters
+    ----------
+    details : Details
+    calibration : Calibration
+        Its date counts where the details give none.
+    """
+    day, what = (
+        (details.calibrated[-10:], "the calibration")
+        if details.calibrated
+        else (
+            calibration.created[:10],
+            "the evaluation",
+        )
+    )
+    return tuple(
+        f"the standard {s.name!r} was valid until {s.valid_until}, before {what} of {day}"
+        for s in details.standard
+        if s.valid_until and s.valid_until < day
+    )

@@ -5,6 +5,7 @@ A file that the calibration names is taken only where its SHA-256 is the one tha
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from ...plan import load as load_plan
 from ...recording import Recording, open_recording
 from ...verification import Check, Verification, verify
 from ..sources import find
+from .methods import by_hand
 
 Opener = Callable[[Path, Plan | None, Calibration], Recording]
 Role = Literal["recording", "plan"]
@@ -46,7 +48,9 @@ class Evidence:
     verification : Verification or None
         On that run.
     earlier : Calibration or None
-        Of the same unit, before.
+        Of the same unit, of an earlier visit.
+    as_found : Calibration or None
+        Of the same unit, of this visit, before it was adjusted.
     files : tuple of (str, str, str)
         Role, name and SHA-256 of every file that was read.
     absent : mapping of str to str
@@ -63,13 +67,14 @@ class Evidence:
     check_plan: Plan | None = None
     verification: Verification | None = None
     earlier: Calibration | None = None
+    as_found: Calibration | None = None
     files: tuple[tuple[str, str, str], ...] = ()
     absent: dict[str, str] = field(default_factory=dict)
 
 
 def of(calibration: Calibration) -> Evidence:
     """The calibration alone."""
-    absent = {role: f"the {role} of the calibration was not given (--{role})" for role in ("recording", "plan")}
+    absent = {role: f"the {role} of the calibration was not given" for role in ("recording", "plan")}
     return Evidence(calibration, calibration.to_json().encode("utf-8"), absent=absent)
 
 
@@ -81,6 +86,7 @@ def gather(
     check: str | Path | None = None,
     check_plan: str | Path | None = None,
     earlier: str | Path | None = None,
+    as_found: str | Path | None = None,
     opener: Opener | None = None,
 ) -> Evidence:
     """Read a calibration and all that goes with it.
@@ -93,7 +99,9 @@ def gather(
     check, check_plan : path, optional
         Recording that the fit has not seen, and its plan: the calibration is verified on it.
     earlier : path, optional
-        An earlier calibration of the same unit.
+        A calibration of the same unit of an earlier visit.
+    as_found : path, optional
+        The calibration of this visit before the unit was adjusted.
     opener : callable, optional
         ``opener(path, plan, calibration) -> Recording``; default: with the nominal scale of plan and calibration.
 
@@ -104,7 +112,8 @@ def gather(
     Raises
     ------
     InputError
-        When a file that was given cannot be read, is not the one that the calibration was made from, or is of another unit.
+        When a file that was given cannot be read, is not the one that the calibration was made from, or is of another unit; when
+        the fit has seen the recording to verify on, or that lacks its plan; when two calibrations to compare are one.
     DataError
         When the verification has nothing to compare.
     """
@@ -129,7 +138,9 @@ def gather(
     if own is not None:
         found = replace(found, fit_checks=_fit_checks(calibration, own, own_plan, absent))
     if earlier is not None:
-        found = replace(found, earlier=_earlier(calibration, earlier, files))
+        found = replace(found, earlier=_earlier(found, earlier, "earlier calibration", files))
+    if as_found is not None:
+        found = replace(found, as_found=_earlier(found, as_found, "calibration as found", files))
     if check is not None:
         found = _verified(found, Path(check), check_plan, opened, files)
     elif check_plan is not None:
@@ -164,12 +175,10 @@ def _file(
         return Path(given)
     if role in there:
         return there[role]
-    option = f"--{role}"
     absent[role] = (
-        f"the {role} {named[0].file} was not found with the SHA-256 that the calibration has of it; put it beside the "
-        f"calibration or give it with {option}"
+        f"the {role} {named[0].file} was not found with the SHA-256 that the calibration has of it"
         if named
-        else f"the calibration names no {role}; give it with {option}"
+        else f"the calibration names no {role}"
     )
     return None
 
@@ -195,27 +204,49 @@ def _fit_checks(
     return checks
 
 
-def _earlier(calibration: Calibration, path: str | Path, files: list[tuple[str, str, str]]) -> Calibration:
-    digest = _digest(path, "earlier calibration")
+def hints(evidence: Evidence) -> tuple[str, ...]:
+    """What the person at the keyboard can do about what a certificate lacks."""
+    return tuple(
+        f"{evidence.absent[role]}; put it beside the calibration or give it with --{role}"
+        for role in ("recording", "plan")
+        if role in evidence.absent and not (role == "plan" and by_hand(evidence.calibration))
+    )
+
+
+def _earlier(found: Evidence, path: str | Path, what: str, files: list[tuple[str, str, str]]) -> Calibration:
+    digest, calibration = _digest(path, what), found.calibration
     earlier = load(path)
+    if digest in {hashlib.sha256(found.data).hexdigest(), *(d for _, _, d in files)}:
+        raise InputError(f"{path}: is given twice: a calibration is compared with another one, not with itself")
+    if earlier.parameters == calibration.parameters:
+        raise InputError(f"{path}: is the same result as this calibration: there is nothing to compare")
     theirs, ours = earlier.unit.serial, calibration.unit.serial
     if theirs and ours and theirs != ours:
-        raise InputError(
-            f"{path}: of unit {theirs!r}, this calibration is of {ours!r}: as found and as left are of one unit"
-        )
+        raise InputError(f"{path}: of unit {theirs!r}, this calibration is of {ours!r}: only one unit can be compared")
     if not set(earlier.values()) & set(calibration.values()):
         raise InputError(f"{path}: has no parameter in common with this calibration")
-    files.append(("earlier calibration", Path(path).name, digest))
+    files.append((what, Path(path).name, digest))
     return earlier
 
 
 def _verified(
     found: Evidence, check: Path, check_plan: str | Path | None, opened: Opener, files: list[tuple[str, str, str]]
 ) -> Evidence:
+    calibration, digest = found.calibration, _digest(check, "recording to verify on")
+    if digest in {s.sha256 for s in calibration.source}:
+        raise InputError(
+            f"--check {check}: it is the recording that the calibration was made from; that it fits says nothing. Give one that "
+            "the fit has not seen"
+        )
+    if check_plan is None and not by_hand(calibration):
+        raise InputError(
+            f"--check {check}: give the plan of that recording too (--check-plan): the calibration by {calibration.method} was "
+            "made with one, and is verified with one"
+        )
     plan = load_plan(check_plan) if check_plan is not None else None
-    recording = opened(check, plan, found.calibration)
-    outcome = verify(found.calibration, recording, plan)
-    files.append(("verification recording", check.name, sha256(check)))
+    recording = opened(check, plan, calibration)
+    outcome = verify(calibration, recording, plan)
+    files.append(("verification recording", check.name, digest))
     if check_plan is not None:
         files.append(("verification plan", Path(check_plan).name, sha256(check_plan)))
     return replace(found, check_recording=recording, check_plan=plan, verification=outcome)

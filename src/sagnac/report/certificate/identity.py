@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from ..document import Block, Bullets, Facts, Grid, Section, Text, Verdict
-from ..shown import NOT_STATED, moment, or_not_stated, percent
+from ..shown import NOT_STATED, moment, or_not_stated, percent, plain_words
 from . import limits as rules
+from .conditions import KEYS
 from .context import Context
+from .details import concerns
 from .methods import method_of
 
 _PROBABILITY = 0.01  # of the fit's chi-square, below which a word is due
@@ -59,6 +61,7 @@ def summary(context: Context) -> Section:
                 "rest on."
             )
         )
+    blocks += [Text(f"{w[:1].upper()}{w[1:]}.", "warning") for w in concerns(context.details, calibration)]
     if calibration.remarks:
         blocks.append(Text("The calibration carries remarks, which belong to the result; see there.", "note"))
     return Section("Summary", tuple(blocks))
@@ -108,15 +111,15 @@ def traceability(context: Context) -> Section:
         blocks.append(Grid(header, rows, "lllll", "Standards and instruments used"))
     else:
         blocks.append(Text(f"Standards and instruments used: {NOT_STATED}."))
+    blocks += [Text(f"{w[:1].upper()}{w[1:]}.", "warning") for w in concerns(d, context.calibration)]
     source = context.calibration.site.gravity_source or NOT_STATED
-    blocks.append(
-        Text(
-            f"The scale of the accelerometers rests on the gravity of the site ({source}), that of the gyros on the "
-            "rates and angles of the rig "
-            "and on the Earth rate, and both on the time stamps of the recording, as far as the method uses them.",
-            "note",
-        )
-    )
+    rests = [
+        text.format(gravity=source)
+        for sensor, text in method_of(context.calibration).rests.items()
+        if any(p.name.startswith(f"{sensor}.") for p in context.calibration.parameters)
+    ]
+    if rests:
+        blocks.append(Text(" ".join(rests), "note"))
     return Section("Traceability", tuple(blocks))
 
 
@@ -132,9 +135,9 @@ def statements(context: Context) -> Section:
         ),
         f"Adjustment or repair of the item: {or_not_stated(context.details.item.adjustment)}. "
         + (
-            "An earlier calibration is compared in the section As found, as left."
-            if context.evidence.earlier is not None
-            else "No results of before are reported."
+            "The results before and after it are in the section As found, as left."
+            if context.evidence.as_found is not None
+            else "No results before an adjustment are reported."
         ),
         "No recommendation on the interval of calibration is made.",
     ]
@@ -149,4 +152,6 @@ def _own_remarks(context: Context) -> list[Block]:
 def remarks(context: Context) -> Section | None:
     """What the calibration says of itself."""
     given = context.calibration.remarks
-    return Section("Remarks of the calibration", (Bullets(tuple(given)),)) if given else None
+    return (
+        Section("Remarks of the calibration", (Bullets(tuple(plain_words(r, KEYS) for r in given)),)) if given else None
+    )

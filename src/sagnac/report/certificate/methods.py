@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
@@ -21,6 +22,28 @@ _UNCERTAINTY = {
 
 
 @dataclass(frozen=True)
+class Input:
+    """What a method takes as exact unless its uncertainty is stated.
+
+    Attributes
+    ----------
+    what : str
+    of : tuple of str
+        How the names of the parameters begin that it matters to.
+    unless, when : str
+        Keys of the rig, or ``gravity_uncertainty``, ``latitude``: with the one it is not exact, without the other it is not used.
+    shows : str
+        What is told with it: ``gravity``, ``latitude``, ``scale`` or a key of the rig.
+    """
+
+    what: str
+    of: tuple[str, ...]
+    unless: str = ""
+    when: str = ""
+    shows: str = ""
+
+
+@dataclass(frozen=True)
 class Method:
     """A method in words and equations.
 
@@ -30,11 +53,20 @@ class Method:
     parts : tuple of (str, str)
         Sentences, and the equations that belong to them, one a line.
     sources : tuple of str
+    rests : mapping of str to str
+        What the results of each sensor rest on.
+    exact : tuple of Input
+    budget, budget_note : str
+        Why there is no budget of the uncertainty by source, and what else is to be known of one.
     """
 
     title: str
     parts: tuple[tuple[str, str], ...] = ()
     sources: tuple[str, ...] = ()
+    rests: Mapping[str, str] = field(default_factory=dict)
+    exact: tuple[Input, ...] = ()
+    budget: str = ""
+    budget_note: str = ""
 
 
 @lru_cache(maxsize=1)
@@ -52,8 +84,19 @@ def method_of(calibration: Calibration) -> Method:
     table = _known().get("norm by hand" if by_hand(calibration) else calibration.method)
     if table is None:
         return Method(calibration.method)
-    parts = tuple((" ".join(p["words"].split()), p["equations"]) for p in table["part"])
-    return Method(table["title"], parts, tuple(" ".join(s.split()) for s in table["sources"]))
+
+    def words(text: str) -> str:
+        return " ".join(text.split())
+
+    return Method(
+        table["title"],
+        parts=tuple((words(p["words"]), p["equations"]) for p in table["part"]),
+        sources=tuple(words(s) for s in table["sources"]),
+        rests={sensor: words(text) for sensor, text in table["rests"].items()},
+        exact=tuple(Input(**{**e, "of": tuple(e["of"])}) for e in table["exact"]),
+        budget=words(table.get("budget", "")),
+        budget_note=words(table.get("budget_note", "")),
+    )
 
 
 def uncertainty_in_words(calibration: Calibration) -> tuple[str, ...]:
