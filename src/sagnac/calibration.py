@@ -314,7 +314,9 @@ def _fit_lines(cal: Calibration) -> list[str]:
         for used in fit.uncertainty.split(" / ")
     ]
     for kind, scatter in fit.residuals.items():
-        rms, _, unit = printed(scatter.rms, scatter.rms / 30, scatter.unit)
+        rms, unit = f"{scatter.rms:.3g}", ""  # a ratio
+        if scatter.unit:
+            rms, _, unit = printed(scatter.rms, scatter.rms / 30, scatter.unit)
         lines.append(f"  residual {kind}: {rms} {unit}".rstrip() + f" rms over {scatter.count}")
     if fit.condition is not None:
         lines.append(f"  condition {fit.condition:.3g}, {fit.iterations} iterations")

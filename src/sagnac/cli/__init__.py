@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 
@@ -13,6 +14,7 @@ __all__ = ["app", "main"]
 
 def main() -> None:
     """Run the command line; errors become one line and an exit status (2 bad input, 1 the data do not support it)."""
+    gc.set_threshold(200_000, 50, 100)  # a command lives for seconds: looking for garbage costs more than keeping it
     try:
         app()
     except SagnacError as error:

@@ -154,9 +154,11 @@ def _file_of(result: Path) -> Path:
     InputError
         For what holds no JSON, a recording, say. What JSON says something else is refused where calibrations are read.
     """
-    from ..align.record import RESULT
+    file = result
+    if result.is_dir():
+        from ..align.record import RESULT
 
-    file = result / RESULT if result.is_dir() else result
+        file = result / RESULT
     try:
         json.loads(file.read_bytes())
     except OSError as cause:

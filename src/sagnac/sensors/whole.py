@@ -40,7 +40,9 @@ def check_whole(units: Mapping[str, str], model: Correction) -> None:
     for term in ("bias", "scale_error", "scale_factor"):
         there = [axis for axis in AXES if f"{kind}.{term}.{axis}" in own]
         if 0 < len(there) < 3:
-            raise DataError(f"the calibration gives {kind}.{term} of {', '.join(there)} only; all three axes are needed")
+            raise DataError(
+                f"the calibration gives {kind}.{term} of {', '.join(there)} only; all three axes are needed"
+            )
     triad = Triad(kind, model.counts, full=True, g_sensitivity=kind == "gyro")
     expected = dict(zip(triad.names, triad.units, strict=True))
     expected |= {f"{kind}.{t}.{a}": unit_of(kind, t) for t in TERMS[kind] for a in AXES if t not in _LINEAR}

@@ -97,7 +97,9 @@ def open_bags(path: Path, bags: Sequence[Bag], select: str | None) -> Table:
 
     names = ("time [s]", *(header for s in sensors for header in _headers(s)))
     remarks += [remark for bag in bags for remark in bag.remarks]
-    return Table(path, names, read, tuple(remarks), lambda: place[0], sum(bag.size for bag in bags), topic, origin=begin / 1e9)
+    return Table(
+        path, names, read, tuple(remarks), lambda: place[0], sum(bag.size for bag in bags), topic, origin=begin / 1e9
+    )
 
 
 def _headers(sensor: str) -> list[str]:
