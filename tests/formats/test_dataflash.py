@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tables import rows
 
 from sagnac.errors import InputError
-from sagnac.formats import Fault, blocks, open_table
+from sagnac.formats import blocks, open_table
 from sagnac.formats.ardupilot import correction as ardupilot
 from sagnac.formats.ardupilot import survey as dataflash_survey
 
@@ -19,7 +20,6 @@ N = 300
 TIME = 3_000_000 + 2500 * np.arange(N)
 _RNG = np.random.default_rng(6)
 ACCEL, GYRO = 10.0 * _RNG.normal(size=(N, 3)), _RNG.normal(size=(N, 3))
-AXES = tuple(f"{k}_{a} [{u}]" for k, u in (("accel", "m/s^2"), ("gyro", "rad/s")) for a in "xyz")
 ROUNDING = 2.0**-24  # of a number in single precision, relative; samples are rounded a dozen times on their way
 TOLERANCE = np.repeat(
     [12 * 60.0 * ROUNDING, 12 * 8.0 * ROUNDING], 3
@@ -44,17 +44,6 @@ def put(folder, content):
     path = folder / "log.bin"
     path.write_bytes(content)
     return path
-
-
-def rows(table, names=("time [s]", *AXES)):
-    """Rows until the end or the fault, and the fault."""
-    parts = [np.zeros((0, len(names)))]
-    try:
-        for batch in table.read(names, []):
-            parts += [np.column_stack([batch.column(n).to_numpy() for n in names])]
-    except Fault as fault:
-        return np.concatenate(parts), fault
-    return np.concatenate(parts), None
 
 
 def raw(found, accel=ACCEL, gyro=GYRO):

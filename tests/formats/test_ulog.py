@@ -11,6 +11,7 @@ import ulog_writer as w
 from hypothesis import given
 from hypothesis import strategies as st
 from pyulog import ULog
+from tables import AXES, rows
 
 from sagnac.errors import InputError
 from sagnac.formats import Fault, blocks, open_table
@@ -20,7 +21,6 @@ N = 400
 TIME = 2_000_000 + 1000 * np.arange(N)
 _RNG = np.random.default_rng(5)
 ACCEL, GYRO = _RNG.normal(size=(N, 3)).astype("f4"), _RNG.normal(size=(N, 3)).astype("f4")
-AXES = tuple(f"{k}_{a} [{u}]" for k, u in (("accel", "m/s^2"), ("gyro", "rad/s")) for a in "xyz")
 SOUND = w.log(TIME, ACCEL, TIME, GYRO)
 
 
@@ -28,17 +28,6 @@ def put(folder, content):
     path = folder / "log.ulg"
     path.write_bytes(content)
     return path
-
-
-def rows(table, names=("time [s]", *AXES)):
-    """Rows until the end or the fault, and the fault."""
-    parts = [np.zeros((0, len(names)))]
-    try:
-        for batch in table.read(names, []):
-            parts += [np.column_stack([batch.column(n).to_numpy() for n in names])]
-    except Fault as fault:
-        return np.concatenate(parts), fault
-    return np.concatenate(parts), None
 
 
 TRUTH = np.column_stack([TIME / 1e6, ACCEL.astype(float), GYRO.astype(float)])
