@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tables import rows
+from tables import rows, survives
 
 from sagnac.errors import InputError
 from sagnac.formats import blocks, open_table
@@ -431,12 +431,3 @@ def test_messages_in_any_order_never_crash(tmp_path, parts):
         put(tmp_path, w.definitions() + b"".join(w.parameter(n, v) for n, v in w.PARAMETERS.items()) + b"".join(parts))
     )
     survives(put(tmp_path, w.HEAD + b"\x80" + b"".join(parts)))
-
-
-def survives(path):
-    try:
-        table = open_table(path)
-        for batch in table.read(table.columns, []):
-            assert batch.num_rows
-    except InputError:  # a Fault is one
-        pass

@@ -38,7 +38,7 @@ def open_table(path: Path, select: str | None = None) -> Table:
     Raises
     ------
     InputError
-        When the bag is of another version or encrypted, or as :func:`~.ros_table.open_bags`.
+        When the bag is of another version or encrypted, or as :func:`~.topics.open_bags`.
     """
     try:
         return open_bags(path, [_bag(path)], select)

@@ -42,7 +42,7 @@ def open_table(path: Path, select: str | None = None) -> Table:
     ------
     InputError
         When the folder holds no such file, files of both kinds or compressed ones, a file cannot be opened, or as
-        :func:`~.ros_table.open_bags`.
+        :func:`~.topics.open_bags`.
     """
     try:
         files = _files(path) if path.is_dir() else [path]

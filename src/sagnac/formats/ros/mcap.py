@@ -37,7 +37,7 @@ def open_table(path: Path, select: str | None = None) -> Table:
     Raises
     ------
     InputError
-        As :func:`~.ros_table.open_bags`.
+        As :func:`~.topics.open_bags`.
     """
     try:
         return open_bags(path, [mcap_bag(path)], select)

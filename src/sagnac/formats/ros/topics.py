@@ -160,7 +160,7 @@ def _decoded(bags: Sequence[Bag], topic: str, place: list[int]) -> Iterator[Samp
 
 
 def _gathered(pieces: Iterator[Samples]) -> Iterator[Samples]:
-    """The same samples in fewer pieces of at most about :data:`~.bag_scan.ROWS`; those before a fault come before it."""
+    """The same samples in fewer pieces of at most about :data:`~.scan.ROWS`; those before a fault come before it."""
     waiting: list[Samples] = []
     fault: Fault | None = None
     while True:

@@ -8,13 +8,14 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
+from pydantic import BeforeValidator, model_validator
 
 from ... import units
 from ...calibration import Calibration
 from ...errors import InputError
 from ...plan import read_toml
 from ...quantities import checked
+from ...results import Record
 
 # pascals of the units that a barometer shows; the registry of units has no pressure
 _PRESSURES = {"Pa": 1.0, "hPa": 100.0, "kPa": 1e3, "mbar": 100.0, "bar": 1e5, "mmHg": 133.322, "inHg": 3386.39}
@@ -90,11 +91,7 @@ Day = Annotated[str, BeforeValidator(_day)]
 Days = Annotated[str, BeforeValidator(_days)]
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Party(_Record):
+class Party(Record):
     """The laboratory or the customer."""
 
     name: str = ""
@@ -103,7 +100,7 @@ class Party(_Record):
     accreditation: str = ""
 
 
-class Item(_Record):
+class Item(Record):
     """The unit, as far as the calibration file does not name it."""
 
     description: str = ""
@@ -113,7 +110,7 @@ class Item(_Record):
     received: Day = ""
 
 
-class Environment(_Record):
+class Environment(Record):
     """Conditions during the calibration, as written by the operator."""
 
     temperature: Annotated[str, _measured("temperature")] = ""
@@ -122,7 +119,7 @@ class Environment(_Record):
     remarks: str = ""
 
 
-class Standard(_Record):
+class Standard(Record):
     """A standard or an instrument that the calibration rests on."""
 
     name: str
@@ -132,7 +129,7 @@ class Standard(_Record):
     issued_by: str = ""
 
 
-class Details(_Record):
+class Details(Record):
     """What a certificate says besides the calibration; an empty text is shown as not stated. See :func:`load`."""
 
     number: str = ""
