@@ -55,7 +55,7 @@ def demo_figure(
     left.set_yticks(y, names, fontsize=7)
     left.set_xlabel("error / standard uncertainty")
     left.set_xlim(-4, 4)
-    left.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8, frameon=False)
+    left.legend(loc="upper right", bbox_to_anchor=(1.0, -0.08), ncols=2, fontsize=8, frameon=False)
     left.set_title("one calibration against the truth", fontsize=10, loc="left")
     clean(left)
     ppm = [{m: v * 1e6 for m, v in c.items()} for c in (curves, published)]
