@@ -61,7 +61,7 @@ PIN := env -u UV_INDEX -u UV_DEFAULT_INDEX -u UV_INDEX_URL -u UV_EXTRA_INDEX_URL
 	--generate-hashes --no-header $(PINS) pyproject.toml requirements/build.in
 
 # what users add by themselves, pip install 'sagnac[pdf]', is all there where the demo and the tests run
-EXTRAS := --extra pdf --extra matlab
+EXTRAS := --extra cluster --extra matlab --extra pdf --extra registry
 
 pins:  ## write requirements/*.txt anew from pyproject.toml (needs uv)
 	$(PIN) $(EXTRAS) --extra dev --extra docs -o requirements/docs.txt

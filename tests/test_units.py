@@ -203,3 +203,10 @@ def test_powers_of_powers_are_refused_at_once():
         [sys.executable, "-c", code, *POWERS_OF_POWERS], timeout=20, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(("si_unit", "unit"), units._FACTORS)
+def test_factors_that_are_known_are_those_of_the_registry(si_unit, unit):
+    ureg = units.registry()
+    expected = ureg.Quantity(1.0, units._unit(units._named(si_unit))).to(units._unit(units._named(unit))).magnitude
+    assert units.convert(1.0, si_unit, unit) == pytest.approx(expected, rel=4e-16)

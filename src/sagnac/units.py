@@ -23,6 +23,8 @@ KINDS: dict[str, tuple[str, str]] = {
     "temperature": ("K", "degC"),
     "accelerometer noise density": ("m/s^2/Hz^0.5", "10 ug/sqrt(Hz)"),
     "gyro noise density": ("rad/s/Hz^0.5", "0.001 deg/sqrt(h)"),
+    "acceleration random walk": ("m/s^2/s^0.5", "1 ug/sqrt(h)"),
+    "rate random walk": ("rad/s/s^0.5", "0.01 deg/h/sqrt(h)"),
     "quadratic coefficient": ("s^2/m", "12 ug/g^2"),
     "g-squared sensitivity": ("rad*s^3/m^2", "0.01 deg/h/g^2"),
     "ratio": ("", "20 ppm, 0.001"),
@@ -178,6 +180,23 @@ def is_count(unit_text: str) -> bool:
         return False
 
 
+_G, _DEGREE = 9.80665, math.pi / 180
+_FACTORS = {
+    ("m/s^2", "mg"): 1e3 / _G,
+    ("m/s^2", "ug"): 1e6 / _G,
+    ("rad/s", "deg/s"): 1 / _DEGREE,
+    ("rad/s", "deg/h"): 3600 / _DEGREE,
+    ("rad", "deg"): 1 / _DEGREE,
+    ("rad", "arcsec"): 3600 / _DEGREE,
+    ("1", ""): 1.0,
+    ("1", "ppm"): 1e6,
+    ("m", "mm"): 1e3,
+    ("s", "ms"): 1e3,
+    ("s", "us"): 1e6,
+}
+"""Of what results are printed in most: to know these, nobody waits for the registry, which takes a quarter of a second."""
+
+
 def convert(value: float, si_unit: str, unit_text: str) -> float:
     """Value in another unit of the same kind, for printing.
 
@@ -187,6 +206,9 @@ def convert(value: float, si_unit: str, unit_text: str) -> float:
     si_unit, unit_text : str
         Unit of `value` and unit wanted; an empty text or ``1`` is dimensionless.
     """
+    known = 1.0 if si_unit == unit_text else _FACTORS.get((si_unit, unit_text))
+    if known is not None:
+        return value * known
     scale = registry().Quantity(1.0, _unit(_named(si_unit)))
     return float(value * scale.to(_unit(_named(unit_text))).magnitude)
 

@@ -11,11 +11,11 @@ import pytest
 from certificates import MG, facts, made, sections, table, words
 
 from sagnac.calibration import Value
+from sagnac.coverage import cover
 from sagnac.errors import InputError
+from sagnac.limits import Limit, assign, decide, outcome
 from sagnac.report.certificate import Details, Limits, certificate, concerns, load_details, load_limits
-from sagnac.report.certificate.coverage import cover
 from sagnac.report.certificate.evidence import of
-from sagnac.report.certificate.limits import Limit, assign, decide, outcome
 from sagnac.report.document import Text, Verdict
 from sagnac.report.shown import percent
 

@@ -9,13 +9,13 @@ from pathlib import Path
 
 from ...calibration import Calibration
 from ...errors import InputError
+from ...limits import Limits
+from ...limits import load as load_limits
 from ..document import Document
 from .build import certificate
 from .details import Details, concerns
 from .details import load as load_details
 from .evidence import Evidence, gather, hints
-from .limits import Limits
-from .limits import load as load_limits
 
 __all__ = [
     "Calibration",

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from ...limits import Limits
 from ..document import Document, Section
 from . import appendix, budget, change, checks, conditions, identity, outcome
 from .context import prepare
 from .details import Details
 from .evidence import Evidence
-from .limits import Limits
 
 
 def certificate(

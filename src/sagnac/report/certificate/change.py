@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 
-from ...calibration import Calibration, Value
+from ...calibration import Calibration
+from ...coverage import cover
+from ...registry.conventions import alike
 from .. import pictures
 from ..document import Block, Grid, Section, Text
 from ..parts import picture
 from ..shown import moment, scales_of
 from .context import Context
-from .coverage import cover
 
 
 def as_found(context: Context) -> Section | None:
@@ -42,8 +43,9 @@ def _section(context: Context, earlier: Calibration, title: str, words: str, col
     The normalised error is that of ISO 13528:2015 (9.7), ``Eₙ = (x - X) / sqrt(U_x² + U_X²)``.
     """
     calibration, before = context.calibration, cover(earlier, context.coverage.k)
-    pairs = [(old, p) for p in calibration.parameters if (old := _counterpart(earlier, calibration, p)) is not None]
-    left_out = [p.name for p in calibration.parameters if p.name not in {q.name for _, q in pairs}]
+    same = alike(earlier, calibration)
+    pairs = same.pairs()
+    left_out = [n for n in same.left_out if n in calibration.values()]
     joint = [math.hypot(context.expanded(p), before.expanded(old)) for old, p in pairs]
     scales = scales_of([p for _, p in pairs], joint)
     rows, beyond = [], []
@@ -75,6 +77,9 @@ def _section(context: Context, earlier: Calibration, title: str, words: str, col
             "Change of each parameter over its joint expanded uncertainty",
         ),
     ]
+    if same.converted:
+        text = "; ".join(f"{name}: {how}" for name, how in same.converted.items())
+        blocks.append(Text(f"Converted before they were compared: {text}.", "note"))
     if left_out:
         text = f"Not in the other calibration, or in another unit or convention there: {', '.join(left_out)}."
         blocks.append(Text(text, "note"))
@@ -88,12 +93,3 @@ def _identity(calibration: Calibration, earlier: Calibration) -> list[Block]:
         return []
     lack = "neither calibration names" if len(which) == 2 else f"{which[0]} calibration does not name"
     return [Text(f"That both are of the same unit is not known: {lack} a serial number.", "warning")]
-
-
-def _counterpart(earlier: Calibration, calibration: Calibration, p: Value) -> Value | None:
-    """The same quantity in the earlier calibration; a misalignment only where it means the same there."""
-    if p.name not in earlier.values() or earlier[p.name].unit != p.unit:
-        return None
-    if ".misalignment." in p.name and earlier.misalignment != calibration.misalignment:
-        return None
-    return earlier[p.name]

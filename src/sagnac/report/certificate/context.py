@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ...calibration import Calibration, Value
+from ...coverage import Coverage, cover
+from ...limits import Decision, Limits, assign, decide
 from ..shown import Scale, scales_of
-from .coverage import Coverage, cover
 from .details import Details
 from .evidence import Evidence
-from .limits import Decision, Limits, assign, decide
 
 
 @dataclass(frozen=True)

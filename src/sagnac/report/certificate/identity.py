@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from ... import limits as rules
 from ..document import Block, Bullets, Facts, Grid, Section, Text, Verdict
 from ..shown import NOT_STATED, moment, or_not_stated, percent, plain_words
-from . import limits as rules
 from .conditions import KEYS
 from .context import Context
 from .details import concerns

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from ... import limits as rules
 from ...calibration import Calibration, Value
+from ...limits import Decision, Limit
 from .. import pictures
 from ..document import Block, Grid, Section, Text, Verdict
 from ..parts import picture
 from ..shown import Scale, percent
-from . import limits as rules
 from .budget import ASSUMED, GIVEN, exactly, standing
 from .context import Context
-from .limits import Decision, Limit
 
 _WORDS = {True: "pass", False: "fail", None: "undecided"}
 _LARGE = 0.5

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import DataError
 from ...frames import Array
+from ...registry.conventions import alike
 from ..style import (
     BAND,
     BLUE,
@@ -379,14 +380,15 @@ def as_found(
     DataError
         When they have no parameter in common.
     """
-    common = [n for n in calibration.values() if n in earlier.values() and calibration[n].unit == earlier[n].unit]
+    same = alike(earlier, calibration).pairs()
+    common = [new.name for _, new in same]
     if not common:
         raise DataError("the two calibrations have no parameter in common: there is nothing to compare")
     members = ordered(common)
     factors = [
         dict(zip(c.values(), _factors(c, f), strict=True)) for c, f in zip((earlier, calibration), k, strict=True)
     ]
-    pairs = [(earlier[common[m.index]], calibration[common[m.index]]) for m in members]
+    pairs = [same[m.index] for m in members]
     change = np.array([new.value - old.value for old, new in pairs])
     joint = np.array(
         [
@@ -404,34 +406,46 @@ def as_found(
     figure, axes, y = table(
         rows, "change since the earlier calibration", "Eₙ: change over its expanded uncertainty", "change ± U"
     )
-    _changes(axes, np.array(y), numbers)
+    changes(axes, np.array(y), numbers)
     legend(figure, axes, 3)
     return figure
 
 
-def _changes(axes: Any, y: Array, number_: Array) -> None:
-    axes.axvspan(-1, 1, color=BAND, zorder=0)
+def changes(axes: Any, y: Array, number_: Array, *, within: float = 1.0, farthest: float = _FARTHEST) -> None:
+    """Marks of changes over their uncertainty, on the axes of :func:`.rows.table`.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+    y, number_ : ndarray, shape (n,)
+        Ordinates, and the changes; NaN where there is none.
+    within : float
+        Size up to which the uncertainty explains a change.
+    farthest : float
+        Size up to which it is drawn to scale.
+    """
+    axes.axvspan(-within, within, color=BAND, zorder=0)
     axes.axvline(0, color=GREY, lw=0.8)
-    far = float(np.nanmax(np.abs(number_), initial=1.0))
-    reach = min(1.15 * max(far, 1.3), _FARTHEST * 1.15)
-    inside = np.abs(number_) <= 1
-    beyond = (np.abs(number_) > 1) & (np.abs(number_) <= _FARTHEST)
+    far = float(np.nanmax(np.abs(number_), initial=within))
+    reach = min(1.15 * max(far, 1.3 * within), farthest * 1.15)
+    inside = np.abs(number_) <= within
+    beyond = (np.abs(number_) > within) & (np.abs(number_) <= farthest)
     axes.plot(number_[inside], y[inside], "o", ms=4.5, color=BLUE, label="within the uncertainty")
-    for chosen, words in ((beyond, "more than the uncertainty allows"), (np.abs(number_) > _FARTHEST, "")):
+    for chosen, words in ((beyond, "more than the uncertainty allows"), (np.abs(number_) > farthest, "")):
         for at, where in zip(number_[chosen], y[chosen], strict=True):
             marker = "D" if words else (">" if at > 0 else "<")
-            shown = float(np.clip(at, -1.07 * _FARTHEST, 1.07 * _FARTHEST))
+            shown = float(np.clip(at, -1.07 * farthest, 1.07 * farthest))
             axes.plot(shown, where, marker, ms=5, mfc="white", mec=ORANGE, mew=1.3)
             if not words:
                 side = -1 if at > 0 else 1
                 axes.text(
-                    shown + 0.12 * side,
+                    shown + 0.04 * farthest * side,
                     where,
                     f"{at:.3g}".replace("-", "−"),
                     ha="right" if at > 0 else "left",
                     va="center",
                     fontsize=SMALL,
                 )
-    if np.any(np.abs(number_) > 1):
+    if np.any(np.abs(number_) > within):
         axes.plot([], [], "D", ms=5, mfc="white", mec=ORANGE, mew=1.3, label="more than the uncertainty allows")
     axes.set_xlim(-reach, reach)

@@ -7,18 +7,16 @@ Sources: ISO/IEC Guide 98-4 = JCGM 106:2012 (section 7, probability of conformit
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from .errors import InputError
 
-from ...calibration import Calibration, Value
-from ...errors import InputError
-from ...plan import read_toml
-from ...quantities import checked, si
+if TYPE_CHECKING:
+    from .calibration import Calibration, Value
 
 Rule = Literal["guarded acceptance", "simple acceptance"]
 RULES: dict[Rule, str] = {
@@ -37,14 +35,6 @@ RULES: dict[Rule, str] = {
         "be as high as 50 %; it is stated for each."
     ),
 }
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    rule: Rule = "guarded acceptance"
-    specification: str = ""
-    limits: dict[str, Any] = Field(min_length=1)
 
 
 @dataclass(frozen=True)
@@ -99,8 +89,20 @@ def load(path: str | Path) -> Limits:
     InputError
         With the key at fault and what to write instead.
     """
-    table = checked(_Table, read_toml(path, "limits"), str(path))
-    return Limits(table.limits, table.rule, table.specification, str(path))
+    from pydantic import ConfigDict, Field, create_model
+
+    from .plan import read_toml
+    from .quantities import checked
+
+    table = create_model(  # made here: who only judges needs no pydantic
+        "Table",
+        __config__=ConfigDict(frozen=True, extra="forbid"),
+        rule=(Rule, "guarded acceptance"),
+        specification=(str, ""),
+        limits=(dict[str, Any], Field(min_length=1)),
+    )
+    given: Any = checked(table, read_toml(path, "limits"), str(path))
+    return Limits(given.limits, given.rule, given.specification, str(path))
 
 
 def assign(limits: Limits, calibration: Calibration) -> dict[str, Limit]:
@@ -113,31 +115,63 @@ def assign(limits: Limits, calibration: Calibration) -> dict[str, Limit]:
     InputError
         When a key meets no parameter, two patterns meet the same one, or a bound is of another unit.
     """
-    found: dict[str, str] = {}
-    for p in calibration.parameters:
-        keys = [k for k in limits.table if k == p.name] or [k for k in limits.table if fnmatchcase(p.name, k)]
-        if len(keys) > 1:
-            raise InputError(
-                f"{limits.source}: {p.name} is met by {keys[0]!r} and {keys[1]!r}; give it a line of its own"
-            )
-        if keys:
-            found[p.name] = keys[0]
+    keys = {p.name: key_of(limits, p.name) for p in calibration.parameters}
+    found = {name: key for name, key in keys.items() if key is not None}
     for key in limits.table:
-        meets = [p.name for p in calibration.parameters if key == p.name or fnmatchcase(p.name, key)]
-        if not meets:
+        if not any(meets(key, name) for name in keys):
             raise InputError(
                 f"{limits.source}: {key!r} meets no parameter of the calibration; it has "
                 f"{', '.join(calibration.values())}"
             )
     return {
-        name: _limit(limits.table[key], calibration[name], f"{limits.source}: {key}") for name, key in found.items()
+        name: bounds(limits.table[key], calibration[name].unit, f"{limits.source}: {key}")
+        for name, key in found.items()
     }
 
 
-def _limit(given: Any, parameter: Value, where: str) -> Limit:
+def meets(key: str, name: str) -> bool:
+    """Whether a key, a name or a pattern, means a parameter."""
+    return key == name or fnmatchcase(name, key)
+
+
+def key_of(limits: Limits, name: str) -> str | None:
+    """The key that counts for a parameter: its name, or else the pattern that meets it; None where none does.
+
+    Raises
+    ------
+    InputError
+        When two patterns do.
+    """
+    if name in limits.table:
+        return name
+    keys = [k for k in limits.table if fnmatchcase(name, k)]
+    if len(keys) > 1:
+        raise InputError(f"{limits.source}: {name} is met by {keys[0]!r} and {keys[1]!r}; give it a line of its own")
+    return keys[0] if keys else None
+
+
+def bounds(given: Any, unit: str, where: str) -> Limit:
+    """The bounds of one limit, as a file of limits has them.
+
+    Parameters
+    ----------
+    given : str, list or dict
+        The largest size, both bounds, or a table of ``lower`` and ``upper``.
+    unit : str
+        SI unit of the parameter.
+    where : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        For what is no limit, or is of another unit.
+    """
+    from .quantities import si
+
     def bound(text: Any) -> float:
         try:
-            return si(text, parameter.unit, _example(parameter.unit))
+            return si(text, unit, _example(unit))
         except ValueError as cause:
             raise InputError(f"{where}: {cause}") from cause
 
@@ -164,6 +198,24 @@ def _example(unit: str) -> str:
     return {"m/s^2": "1 mg", "rad/s": "0.1 deg/h", "rad": "10 arcsec", "1": "100 ppm"}.get(unit, f"1 {unit}")
 
 
+def judge(value: float, limit: Limit, expanded: float, rule: Rule) -> bool | None:
+    """Whether a value keeps its limits: yes, no, or None for undecided.
+
+    Parameters
+    ----------
+    value, expanded : float
+        SI; the expanded uncertainty is the guard band of guarded acceptance.
+    limit : Limit
+    rule : str
+    """
+    guard = expanded if rule == "guarded acceptance" else 0.0
+    if limit.lower + guard <= value <= limit.upper - guard:
+        return True
+    if rule == "simple acceptance" or value < limit.lower - guard or value > limit.upper + guard:
+        return False
+    return None
+
+
 def decide(parameter: Value, limit: Limit, expanded: float, dof: float, rule: Rule) -> Decision:
     """Judge one parameter.
 
@@ -181,13 +233,7 @@ def decide(parameter: Value, limit: Limit, expanded: float, dof: float, rule: Ru
     -------
     Decision
     """
-    guard = expanded if rule == "guarded acceptance" else 0.0
-    value = parameter.value
-    passed: bool | None = None
-    if limit.lower + guard <= value <= limit.upper - guard:
-        passed = True
-    elif rule == "simple acceptance" or value < limit.lower - guard or value > limit.upper + guard:
-        passed = False
+    passed = judge(parameter.value, limit, expanded, rule)
     return Decision(parameter, limit, passed, _probability(parameter, limit, dof))
 
 
@@ -210,7 +256,11 @@ def _probability(parameter: Value, limit: Limit, dof: float) -> float:
 
 def outcome(decisions: Mapping[str, Decision]) -> bool | None:
     """All of them together: failed where one fails, undecided where one is."""
-    every = [d.passed for d in decisions.values()]
+    return together([d.passed for d in decisions.values()])
+
+
+def together(every: Sequence[bool | None]) -> bool | None:
+    """False where one is, None where one is undecided, else True."""
     if any(p is False for p in every):
         return False
     return None if any(p is None for p in every) else True

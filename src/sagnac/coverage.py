@@ -9,9 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from ...calibration import Calibration, Value
-from ...errors import InputError
+from .errors import InputError
+
+if TYPE_CHECKING:
+    from .calibration import Calibration, Value
 
 MANY = 100.0
 """Degrees of freedom from which Student's factor is the normal one within 3 %."""
@@ -83,24 +86,54 @@ def cover(calibration: Calibration, k: float = 2.0) -> Coverage:
     InputError
         When `k` is not between 1 and 5.
     """
-    from scipy.special import erf, stdtrit
-
     if not 1.0 <= k <= 5.0:
         raise InputError(f"a coverage factor of {k:g} is of no use: 2 is usual, 1 to 5 can be stated")
-    probability = float(erf(k / math.sqrt(2.0)))
-    dof = {p.name: _dof(calibration, p.name) for p in calibration.parameters}
-    factors = {
-        name: k if v >= MANY else float(stdtrit(v, 0.5 * (1.0 + probability))) if v >= 1 else k
-        for name, v in dof.items()
-    }
-    return Coverage(k, probability, dof, factors)
+    dof = {p.name: degrees_of_freedom(calibration, p.name) for p in calibration.parameters}
+    return Coverage(k, _probability(k), dof, {name: factor(v, k) for name, v in dof.items()})
 
 
-def _dof(calibration: Calibration, name: str) -> float:
+def factor(dof: float, k: float = 2.0) -> float:
+    """Coverage factor of a standard uncertainty that has so many degrees of freedom.
+
+    Parameters
+    ----------
+    dof : float
+    k : float
+        Coverage factor in a normal distribution.
+
+    Returns
+    -------
+    float
+        Student's at the same probability; `k` where they are many, and where there are none to speak of.
+    """
+    if not 1 <= dof < MANY:
+        return k
+    from scipy.special import stdtrit
+
+    return float(stdtrit(dof, 0.5 * (1.0 + _probability(k))))
+
+
+def _probability(k: float) -> float:
+    """That a normal distribution has within k standard deviations."""
+    return math.erf(k / math.sqrt(2.0))
+
+
+def degrees_of_freedom(calibration: Calibration, name: str) -> float:
     """Degrees of freedom of one standard uncertainty.
 
     White uncertainties follow from a noise that was stated or measured over many samples, the others from the scatter of
     segments: of the fit's degrees of freedom, but of no more than one less than there are segments to leave out.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    name : str
+        Of the parameter.
+
+    Returns
+    -------
+    float
+        Infinite where the noise was known.
     """
     used = _kind(calibration.fit.uncertainty, name)
     if used == "white":
