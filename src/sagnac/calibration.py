@@ -117,11 +117,18 @@ class Site(Record):
 
 
 class NoiseLevel(Record):
-    """White noise of the axes x, y, z: density in `unit`, and whether the plan stated or the recording showed it."""
+    """Noise of the axes x, y, z: density of white noise in `unit`, and where it is known from.
+
+    Slow noise where it is known: bias instability B of IEEE Std 952 (in the unit of the readings) and random walk K of the bias
+    (the same per sqrt(s)); zero where a test found none. `walk_limit` is what K stays below with 95 % probability.
+    """
 
     density: tuple[float, float, float]
     unit: str
-    origin: Literal["plan", "recording"]
+    origin: Literal["plan", "recording", "noise test"]
+    instability: tuple[float, float, float] | None = None
+    walk: tuple[float, float, float] | None = None
+    walk_limit: tuple[float, float, float] | None = None
 
 
 class Range(Record):

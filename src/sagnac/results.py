@@ -28,7 +28,7 @@ class Source(Record):
     """A file that went in, and as what; of recordings the format, and which one in a file that may hold several."""
 
     file: str
-    role: Literal["recording", "plan", "prior", "master", "configuration"] = "recording"
+    role: Literal["recording", "plan", "prior", "master", "configuration", "noise test"] = "recording"
     format: str | None = None
     select: str | None = None
     sha256: str | None = None

@@ -220,6 +220,42 @@ def test_noise_of_the_calibration_counts_unless_given():
     assert given["accelerometer"][0] == 5e-3
 
 
+def test_random_walks_of_a_noise_test_need_not_be_given():
+    triple = {"density": [1e-3, 3e-3, 2e-3], "origin": "noise test"}
+    noise = {
+        "accel": triple | {"unit": "m/s^2/sqrt(Hz)", "walk": [1e-5, 0.0, 2e-5]},  # one axis showed none
+        "gyro": triple | {"unit": "rad/s/sqrt(Hz)", "walk": [3e-7, 3e-7, 1e-7], "instability": [1e-5, 1e-5, 0.0]},
+    }
+    cal = calibration({f"{k}.bias.{a}": 0.1 for k in ("accel", "gyro") for a in "xyz"}, noise=noise)
+    found = consumers.kalibr_noise(text(cal, "kalibr", Options(rate=100.0)).encode())
+    assert found["accelerometer"] == pytest.approx((3e-3 * 10, 2e-5), rel=1e-12)
+    assert found["gyroscope"][1] == pytest.approx(3e-7, rel=1e-12)
+    none = {k: {key: v for key, v in level.items() if key != "walk"} for k, level in noise.items()}
+    with pytest.raises(InputError, match=r"accel_random_walk, gyro_random_walk. `sagnac noise --into` finds"):
+        export(
+            calibration({f"{k}.bias.{a}": 0.1 for k in none for a in "xyz"}, noise=none), "kalibr", Options(rate=1.0)
+        )
+
+
+@pytest.mark.parametrize("target", ["kalibr", "openvins", "vins"])
+def test_a_walk_that_a_noise_test_did_not_see_is_offered_with_a_number(target):
+    triple = {"density": [1e-3, 1e-3, 1e-3], "origin": "noise test", "walk": [0.0, 0.0, 0.0]}
+    noise = {
+        "accel": triple | {"unit": "m/s^2/sqrt(Hz)", "walk_limit": [1e-5, 3e-5, 2e-5]},
+        "gyro": triple | {"unit": "rad/s/sqrt(Hz)", "instability": [2e-5, 1e-5, 0.0]},
+    }
+    cal = calibration({f"{k}.bias.{a}": 0.1 for k in ("accel", "gyro") for a in "xyz"}, noise=noise)
+    with pytest.raises(InputError) as refused:
+        export(cal, target, Options(rate=100.0))
+    said = str(refused.value)
+    assert "--noise accel_random_walk='3e-05 m/s^3/sqrt(Hz)'" in said  # the limit of the worst axis
+    assert "--noise gyro_random_walk='3.06e-07 rad/s^2/sqrt(Hz)'" in said  # sqrt(3) (0.6643 2e-5)^2 / 1e-3
+    assert "its noise test saw none, it stays below that" in said
+    assert "`sagnac noise --into`" not in said  # that was done
+    walks = parse(dict(re.findall(r"--noise (\w+)='([^']+)'", said)))
+    export(cal, target, Options(rate=100.0, noise=walks))
+
+
 @pytest.mark.parametrize("target", ["kalibr", "openvins", "vins"])
 def test_rate_is_needed(target):
     with pytest.raises(InputError, match="--rate"):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 import tempfile
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -387,3 +389,44 @@ def test_plans_do_not_change():
 def test_angles_are_all_or_none():
     assert Segment(name="a", start=0, stop=1, outer=0.1, middle=0.2, inner=0.3).angles == (0.1, 0.2, 0.3)
     assert Segment(name="a", start=0, stop=1, outer=0.1, middle=0.2).angles is None
+
+
+def test_noise_of_each_axis_and_slow_terms():
+    text = """
+[unit.noise]
+accel = ["10 ug/sqrt(Hz)", "20 ug/sqrt(Hz)", "10 ug/sqrt(Hz)"]
+gyro = "0.001 deg/sqrt(h)"
+gyro_instability = "0.01 deg/h"
+accel_walk = ["1 ug/sqrt(h)", "2 ug/sqrt(h)", "0 ug/sqrt(h)"]
+"""
+    plan = plans.from_table(tomllib.loads(text))
+    noise = plan.unit.noise
+    ug = 1e-6 * STANDARD_GRAVITY
+    assert noise.of("accel") == pytest.approx((10 * ug, 20 * ug, 10 * ug))
+    assert noise.of("gyro") == (noise.gyro,) * 3
+    assert noise.of("gyro", "instability") == pytest.approx((0.01 * DEG / 3600,) * 3)
+    assert noise.of("accel", "walk") == pytest.approx((ug / 60, 2 * ug / 60, 0.0))
+    assert noise.of("accel", "instability") is None
+    assert plans.from_table(tomllib.loads(plan.to_toml())) == plan
+
+
+def test_noise_of_zero_states_nothing():
+    assert Noise(accel=0.0).of("accel") is None
+    with pytest.raises(ValueError, match="no axis is without white noise"):
+        Noise(accel=(1.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (
+            '["1 ug/sqrt(Hz)", "1 ug/sqrt(Hz)"]',
+            "unit.noise.accel: give one quantity for all axes or three for x, y, z; got 2",
+        ),
+        ('["1 ug/sqrt(Hz)", "-1 ug/sqrt(Hz)", "1 ug/sqrt(Hz)"]', "unit.noise.accel: -9.80665e-06 is negative"),
+        ('["1 ug/sqrt(Hz)", "1 ug", "1 ug/sqrt(Hz)"]', "'1 ug' has ug where"),
+    ],
+)
+def test_noise_of_axes_has_to_be_of_three(given, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        plans.from_table(tomllib.loads(f"[unit.noise]\naccel = {given}"))

@@ -18,6 +18,7 @@ from ..estimate import Estimate
 from ..files import sha256
 from ..frames import Array
 from ..observe.means import SegmentMeans
+from ..observe.sums import BLOCKS
 from ..plan import Plan
 from ..recording import Recording
 from ..results import Software, Source, covariance_rows, now
@@ -35,8 +36,9 @@ class Noise:
 
     Attributes
     ----------
-    density : ndarray, shape (3,)
-        Per sqrt(Hz), in the unit of the readings.
+    density : ndarray, shape (3,) or (n, 3)
+        Per sqrt(Hz), in the unit of the readings; of each of n segments where slow noise is stated: that white noise which their
+        means would scatter with as they do, see :func:`slow_variance`.
     known : bool
         Whether it was stated or measured; otherwise only the residuals can tell.
     remarks : tuple of str
@@ -60,7 +62,8 @@ def noise_of(means: SegmentMeans, plan: Plan, sensor: str, gain: float = 1.0, si
     size : float
         Size of the readings, which sets a nominal noise when nothing is known.
     """
-    stated = getattr(plan.unit.noise, sensor) or None  # no sensor is free of noise: zero states nothing
+    stated = plan.unit.noise.of(sensor)
+    slow = slow_variance(means, plan, sensor) * gain**2
     found = means.density[sensor]
     dof = means.noise_degrees_of_freedom
     usable = dof > 0 and bool(np.all(np.isfinite(found))) and float(found.max()) > 1e-13 * abs(size)
@@ -68,28 +71,75 @@ def noise_of(means: SegmentMeans, plan: Plan, sensor: str, gain: float = 1.0, si
         found = np.where(found > 0, found, found.max())
     if stated is None:
         return (
-            Noise(found, True)
+            Noise(_with_slow(found, slow, means), True)
             if usable
             else Noise(np.full(3, max(_NOMINAL * abs(size), 1e-14 * float(np.abs(means.mean[sensor]).max()))), False)
         )
-    density = np.full(3, stated * gain)
+    density = np.array(stated) * gain
     if not usable:
-        return Noise(density, True)
+        return Noise(_with_slow(density, slow, means), True)
     # what pulses lost or won at the ends of the blocks leave uncertain is no sign of more noise
     pulses = means.pulse.get(sensor, np.zeros(3)) ** 2 / (6.0 * float(np.median(means.duration)) / 16.0)
-    ratio = found / np.sqrt(density**2 + pulses)
+    inside = _slow_inside(means, plan, sensor) * gain**2
+    ratio = found / np.sqrt(density**2 + pulses + inside)
     limit = max(1.5, np.sqrt(1.0 + 5.0 * np.sqrt(2.0 / dof)))
     if np.any(ratio > limit):
         text = (
             f"the {sensor} data show up to {ratio.max():.2g} times the noise stated in the plan: the data's own is used"
         )
-        return Noise(np.maximum(found, density), True, (text,))
+        return Noise(_with_slow(np.maximum(found, density), slow, means), True, (text,))
     if np.all(ratio < 0.5):
         text = (
             f"the {sensor} data show only {ratio.max():.2g} of the noise stated in the plan, which is used all the same"
         )
-        return Noise(density, True, (text,))
-    return Noise(density, True)
+        return Noise(_with_slow(density, slow, means), True, (text,))
+    return Noise(_with_slow(density, slow, means), True)
+
+
+def slow_variance(means: SegmentMeans, plan: Plan, sensor: str) -> Array:
+    """What the slow noise that a plan states adds to the variance of the means of segments, shape (n, 3), SI.
+
+    A constant bias is estimated or compared with, so that what counts is how far the mean over a segment of T seconds lies from
+    that over the whole test of T' seconds, in the mean over all places of the segment in the test ::
+
+        B^2 / pi ln(T' / T) + K^2 (T' - T) / 6
+
+    which is the difference of the variances of both means: for flicker noise, of one-sided spectrum B^2 / (pi f), an integral of
+    Frullani's, and K^2 T / 6 is the mean squared deviation of a random walk over T seconds from its mean. The bias that is found
+    is then that of the test, its mean over it. Neglected is that means of neighbouring segments err alike: plans whose positions
+    follow one another in no order of their inputs suffer least.
+
+    Parameters
+    ----------
+    means : SegmentMeans
+    plan : Plan
+    sensor : str
+    """
+    out = np.zeros((len(means.segments), 3))
+    B, K = plan.unit.noise.of(sensor, "instability"), plan.unit.noise.of(sensor, "walk")
+    if B is None and K is None:
+        return out
+    T = means.duration[:, None]
+    whole = float((means.mid_time + means.duration / 2).max() - (means.mid_time - means.duration / 2).min())
+    longer = np.maximum(whole, T)
+    if B is not None:
+        out = out + np.array(B) ** 2 / math.pi * np.log(longer / T)
+    if K is not None:
+        out = out + np.array(K) ** 2 * (longer - T) / 6.0
+    return out
+
+
+def _with_slow(density: Array, slow: Array, means: SegmentMeans) -> Array:
+    """White noise that the means of segments would scatter with as they do with slow noise too."""
+    return np.sqrt(density**2 + slow * means.duration[:, None]) if slow.any() else density
+
+
+def _slow_inside(means: SegmentMeans, plan: Plan, sensor: str) -> Array:
+    """What slow noise adds to the squared density found in the blocks of segments, at most, shape (3,), SI."""
+    B, K = plan.unit.noise.of(sensor, "instability"), plan.unit.noise.of(sensor, "walk")
+    T = float(np.median(means.duration))
+    out = np.zeros(3) if B is None else np.array(B) ** 2 / math.pi * math.log(BLOCKS)
+    return np.asarray((out + (0.0 if K is None else np.array(K) ** 2 * T / 6.0)) * T / BLOCKS)
 
 
 def site_of(plan: Plan, why: str) -> Site:
@@ -302,15 +352,17 @@ def _noise_levels(means: SegmentMeans | None, plan: Plan | None) -> dict[Literal
     kinds: tuple[tuple[Literal["accel", "gyro"], str], ...] = (("accel", "m/s^2"), ("gyro", "rad/s"))
     out: dict[Literal["accel", "gyro"], record.NoiseLevel] = {}
     for sensor, reading in kinds:
-        stated = getattr(plan.unit.noise, sensor) if plan is not None else None
+        stated = plan.unit.noise.of(sensor) if plan is not None else None
         x, y, z = (0.0, 0.0, 0.0)
         if means is not None and means.noise_degrees_of_freedom > 0 and sensor in means.density:
             x, y, z = (float(v) for v in means.density[sensor])
+        counted = means is not None and sensor in means.counts
+        slow = {} if plan is None or counted else {t: plan.unit.noise.of(sensor, t) for t in ("instability", "walk")}
         if min(x, y, z) > 0 and math.isfinite(x + y + z):
-            unit = "count" if means is not None and sensor in means.counts else reading
-            out[sensor] = record.NoiseLevel(density=(x, y, z), unit=f"{unit}/sqrt(Hz)", origin="recording")
+            unit = "count" if counted else reading
+            out[sensor] = record.NoiseLevel(density=(x, y, z), unit=f"{unit}/sqrt(Hz)", origin="recording", **slow)
         elif stated:
-            out[sensor] = record.NoiseLevel(density=(stated, stated, stated), unit=f"{reading}/sqrt(Hz)", origin="plan")
+            out[sensor] = record.NoiseLevel(density=stated, unit=f"{reading}/sqrt(Hz)", origin="plan", **slow)
     return out
 
 

@@ -9,6 +9,7 @@ rotations::
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -113,14 +114,24 @@ def find(
     fit = estimate(parameters, rows, list(means.names), noise_known=stated)
     whitened = weight @ np.swapaxes(basis, -1, -2)
     # errors of the axes are common to all positions: no averaging makes them less
-    axes = -whitened @ (matrix(fit.value[:3]).T @ _axis_effects(settings, letters))
+    axes = -whitened @ (matrix(fit.value[:3]).T @ _axis_effects(_key(settings), letters))
     fit, _ = fit.consider(axes.reshape(-1, 5), plan.rig.axis_uncertainty**2 * np.eye(5))
     turned = whitened @ sensitivity
     return Mounting(*fit.consider(turned.reshape(-1, turned.shape[-1]), covariance))
 
 
-def _axis_effects(settings: Array, letters: Letters) -> Array:
+_Settings = tuple[tuple[float, float, float], ...]
+
+
+def _key(settings: Array) -> _Settings:
+    """Settings as the key of what depends on them alone: the same plan is used for thousands of simulated runs."""
+    return tuple((a, b, c) for a, b, c in settings.tolist())
+
+
+@lru_cache(maxsize=16)
+def _axis_effects(key: _Settings, letters: Letters) -> Array:
     """Derivative of up in k to non-perpendicularity (2) and zero errors (3) of the table, shape (n, 3, 5)."""
+    settings = np.array(key)
     out = np.zeros((len(settings), 3, 5))
     for i in range(5):
         v = np.where(np.arange(5) == i, 1e-6, 0.0)
@@ -131,17 +142,23 @@ def _axis_effects(settings: Array, letters: Letters) -> Array:
     return out
 
 
-def _weights(settings: Array, plan: Plan, basis: Array, first: Array, noise: Array) -> Array:
-    """Whitening (n, 2, 2) of the directions for errors of the settings and the directions' own noise."""
-    sigma = plan.rig.angle_uncertainty or 1e-6
-    step = 1e-6
+@lru_cache(maxsize=16)
+def _setting_effects(key: _Settings, letters: Letters) -> Array:
+    """Derivative of up in k to the settings of the three axes, shape (n, 3, 3)."""
+    settings, step = np.array(key), 1e-6
     moved = []
     for i in range(3):
         shift = np.zeros(3)
         shift[i] = step
-        plus, minus = (attitude(settings + v, letters=plan.rig.letters) for v in (shift, -shift))
+        plus, minus = (attitude(settings + v, letters=letters) for v in (shift, -shift))
         moved.append((plus - minus)[:, 2, :] / (2 * step))
-    in_b = np.stack(moved, axis=2)
+    return np.stack(moved, axis=2)
+
+
+def _weights(settings: Array, plan: Plan, basis: Array, first: Array, noise: Array) -> Array:
+    """Whitening (n, 2, 2) of the directions for errors of the settings and the directions' own noise."""
+    sigma = plan.rig.angle_uncertainty or 1e-6
+    in_b = _setting_effects(_key(settings), plan.rig.letters)
     across = np.swapaxes(basis, -1, -2) @ (matrix(first).T @ in_b)
     covariance = sigma**2 * (across @ np.swapaxes(across, -1, -2)) + (noise**2 + (0.01 * sigma) ** 2)[
         :, None, None

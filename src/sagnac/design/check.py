@@ -137,7 +137,7 @@ def check(plan: Plan, method: str | None = None, *, sensors: Sequence[str] | Non
     method = method_of(plan, method)
     if not plan.segment:
         raise InputError("the plan has no [[segment]]: there is nothing to predict")
-    sensors = tuple(sensors or [s for s in ("accel", "gyro") if getattr(plan.unit.noise, s)] or ("accel", "gyro"))
+    sensors = tuple(sensors or [s for s in ("accel", "gyro") if plan.unit.noise.of(s)] or ("accel", "gyro"))
     _refuse_sensors(sensors, plan.rig.kind)
     measuring = sum(s.stop - s.start for s in plan.segment)
     whole = max(s.stop for s in plan.segment) - min(0.0, *(s.start for s in plan.segment))

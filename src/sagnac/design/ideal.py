@@ -33,7 +33,7 @@ def need_noise(plan: Plan, sensors: Sequence[str]) -> None:
         With the key that is missing.
     """
     for sensor in sensors:
-        if not getattr(plan.unit.noise, sensor):
+        if plan.unit.noise.of(sensor) is None:
             example = {"accel": "10 ug/sqrt(Hz)", "gyro": "0.01 deg/sqrt(h)"}[sensor]
             raise InputError(
                 f"the plan does not state the noise of the {sensor} triad, without which nothing can be predicted: write "
@@ -172,7 +172,7 @@ def roll_recording(plan: Plan) -> tuple[Recording, str]:
         plan,
         roll_isolated.PUBLISHED,
         np.random.default_rng(1),
-        density=plan.unit.noise.gyro,
+        density=None,
         encoder_bits=round(np.log2(2.0 * np.pi / step)) if step > 0 else None,
     )
     words = (

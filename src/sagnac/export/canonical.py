@@ -10,6 +10,7 @@ entries follows from that of the parameters by the derivatives of M, b and G, ta
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -25,6 +26,23 @@ from ..sensors.axis import rows
 KINDS = ("accel", "gyro")
 _LINEAR_IN_FORCE = ("d_i", "d_o", "d_s")
 _STEP = 1e-30
+_FLOOR = math.sqrt(2.0 * math.log(2.0) / math.pi)  # of the Allan deviation over the bias instability
+
+
+@dataclass(frozen=True)
+class LikelyWalk:
+    """Random walk for software that asks for one, of biases that show none.
+
+    Attributes
+    ----------
+    value : ndarray, shape (3,)
+        SI per sqrt(s).
+    reason : str
+        Where it is from.
+    """
+
+    value: Array
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -47,6 +65,10 @@ class Linear:
         Coefficients of the terms that are not in it, by the names of :data:`sagnac.sensors.TERMS`.
     noise : ndarray, shape (3,), or None
         White noise of the corrected axes, SI per sqrt(Hz); None when the calibration states none.
+    walk : ndarray, shape (3,), or None
+        Random walk of their biases, SI per sqrt(s); None when the calibration states none.
+    likely_walk : LikelyWalk or None
+        What may be stated for it where it states none.
     """
 
     kind: str
@@ -56,6 +78,8 @@ class Linear:
     counts: bool
     higher: Mapping[str, Array]
     noise: Array | None
+    walk: Array | None = None
+    likely_walk: LikelyWalk | None = None
 
     @property
     def forward(self) -> Array:
@@ -158,7 +182,8 @@ def canonical(calibration: Calibration) -> Canonical:
         remarks += _nominal(calibration, model)
         matrix, bias, g_matrix = _inverse(values, kind, model.counts, ratio)
         higher = {t: v for t, v in model.terms.items() if t not in _LINEAR_IN_FORCE}
-        triads[kind] = Linear(kind, matrix, bias, g_matrix, model.counts, higher, _noise(calibration, kind, matrix))
+        noise, walk, likely = _noise(calibration, kind, matrix)
+        triads[kind] = Linear(kind, matrix, bias, g_matrix, model.counts, higher, noise, walk, likely)
         slopes.append(_slopes(values, kind, model.counts, ratio))
         entries = _names(kind, model.counts)
         names += list(entries)
@@ -241,12 +266,31 @@ def _names(kind: str, counts: bool) -> dict[str, str]:
     return out
 
 
-def _noise(calibration: Calibration, kind: str, matrix: Array) -> Array | None:
-    """White noise of the corrected axes."""
+def _noise(calibration: Calibration, kind: str, matrix: Array) -> tuple[Array | None, Array | None, LikelyWalk | None]:
+    """White noise of the corrected axes, the random walk of their biases, and what may be stated for a walk that was not seen."""
     level = next((v for k, v in calibration.noise.items() if k == kind), None)
-    if level is None or not min(level.density) > 0:
-        return None
-    return np.asarray(np.sqrt(matrix**2 @ np.array(level.density) ** 2))
+    if level is None:
+        return None, None, None
+
+    def turned(each: tuple[float, ...]) -> Array:
+        return np.asarray(np.sqrt(matrix**2 @ np.array(each) ** 2))
+
+    # every axis has white noise; a walk may be seen on some of them only
+    white = turned(level.density) if min(level.density) > 0 else None
+    if level.walk is not None and max(level.walk) > 0:
+        return white, turned(level.walk), None
+    if level.walk_limit is not None:
+        return white, None, LikelyWalk(turned(level.walk_limit), "its noise test saw none, it stays below that")
+    if white is None or level.instability is None or not max(level.instability) > 0:
+        return white, None, None
+    # K^2 T / 3 as large as the floor at the time T where the floor begins, N^2 / T being as large: K = sqrt(3) floor^2 / N
+    floors = zip(level.instability, level.density, strict=True)
+    like_floor = tuple(math.sqrt(3.0) * (_FLOOR * b) ** 2 / n for b, n in floors)
+    return (
+        white,
+        None,
+        LikelyWalk(turned(like_floor), "it drifts as far as the bias instability where this begins to show"),
+    )
 
 
 def _nominal(calibration: Calibration, model: Correction) -> list[str]:

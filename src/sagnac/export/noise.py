@@ -18,6 +18,11 @@ UNITS = {
 """Names of the numbers and their SI units."""
 
 
+_ASK = (
+    "`sagnac noise --into` finds noise in a log at rest and writes it into the calibration, a data sheet gives it too; "
+)
+
+
 def parse(pairs: Mapping[str, str]) -> dict[str, float]:
     """SI values of texts such as ``gyro_random_walk`` = ``2e-6 rad/s^2/sqrt(Hz)``.
 
@@ -42,11 +47,11 @@ def parse(pairs: Mapping[str, str]) -> dict[str, float]:
 
 def known(canonical: Canonical, options: Options) -> dict[str, float]:
     """Those numbers that are given or stated; of the three axes of a triad the noisiest counts."""
-    out = {
-        f"{kind}_density": float(triad.noise.max())
-        for kind, triad in canonical.triads.items()
-        if triad.noise is not None
-    }
+    out = {}
+    for kind, triad in canonical.triads.items():
+        for name, each in (("density", triad.noise), ("random_walk", triad.walk)):
+            if each is not None:
+                out[f"{kind}_{name}"] = float(each.max())
     return out | dict(options.noise)
 
 
@@ -59,12 +64,26 @@ def complete(canonical: Canonical, options: Options) -> tuple[dict[str, float], 
         With the options that give those that are missing.
     """
     out = known(canonical, options)
-    missing = {name: f"--noise {name}='... {unit}'" for name, unit in UNITS.items() if name not in out}
+    if options.rate is not None and len(out) == len(UNITS):
+        return out, options.rate
+    likely = _likely(canonical)
+    absent = [name for name in UNITS if name not in out]
+    write = [
+        f"--noise {name}='{f'{likely[name][0]:.3g}' if name in likely else '...'} {UNITS[name]}'" for name in absent
+    ]
+    ask = "" if all(name in likely for name in absent) else _ASK
+    reasons = "".join(f"; {name} of {likely[name][0]:.3g}: {likely[name][1]}" for name in absent if name in likely)
     if options.rate is None:
-        missing["sample rate"] = "--rate '200 Hz'"
-    if missing or options.rate is None:
-        raise InputError(
-            f"the target needs what the calibration does not state: {', '.join(missing)}. A data sheet or an Allan deviation "
-            f"gives noise; write {' '.join(missing.values())}"
-        )
-    return out, options.rate
+        absent, write = [*absent, "sample rate"], [*write, "--rate '200 Hz'"]
+    raise InputError(
+        f"the target needs what the calibration does not state: {', '.join(absent)}. {ask}write {' '.join(write)}{reasons}"
+    )
+
+
+def _likely(canonical: Canonical) -> dict[str, tuple[float, str]]:
+    """Random walks that may be stated where none was seen, and where they are from."""
+    return {
+        f"{kind}_random_walk": (float(triad.likely_walk.value.max()), triad.likely_walk.reason)
+        for kind, triad in canonical.triads.items()
+        if triad.likely_walk is not None
+    }

@@ -38,7 +38,8 @@ def open_table(path: Path) -> Table:
         target = None
         wanted = [*numeric, *other]
         try:
-            with parquet.ParquetFile(path) as stream:
+            # buffered ahead, the whole file would end up in memory
+            with parquet.ParquetFile(path, pre_buffer=False) as stream:
                 for batch in stream.iter_batches(batch_size=_ROWS, columns=[names[c] for c in wanted]):
                     columns = [batch.column(names[c]) for c in wanted]
                     for i in range(len(numeric)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, ValidationInfo
@@ -17,6 +18,20 @@ _WRITTEN = {
     "angle": ("deg", math.pi / 180),
     "angular rate": ("deg/s", math.pi / 180),
 }
+
+
+def _each_reader(kind: str) -> Callable[[Any, ValidationInfo], Any]:
+    """Reader of one quantity for all axes, or of three for x, y and z."""
+    one = _reader(kind)
+
+    def read(value: Any, info: ValidationInfo) -> Any:
+        if not isinstance(value, list | tuple):
+            return one(value, info)
+        if len(value) != 3:
+            raise ValueError(f"give one quantity for all axes or three for x, y, z; got {len(value)}")
+        return tuple(one(v, info) for v in value)
+
+    return read
 
 
 def _reader(kind: str) -> Callable[[Any, ValidationInfo], float]:
@@ -46,16 +61,6 @@ Acceleration = Annotated[
     float, BeforeValidator(_reader("acceleration")), Field(json_schema_extra={"kind": "acceleration"})
 ]
 Ratio = Annotated[float, BeforeValidator(_reader("ratio")), Field(json_schema_extra={"kind": "ratio"})]
-AccelDensity = Annotated[
-    float,
-    BeforeValidator(_reader("accelerometer noise density")),
-    Field(json_schema_extra={"kind": "accelerometer noise density"}),
-]
-GyroDensity = Annotated[
-    float,
-    BeforeValidator(_reader("gyro noise density")),
-    Field(json_schema_extra={"kind": "gyro noise density"}),
-]
 Quadratic = Annotated[
     float,
     BeforeValidator(_reader("quadratic coefficient")),
@@ -64,6 +69,8 @@ Quadratic = Annotated[
 GSquared = Annotated[
     float, BeforeValidator(_reader("g-squared sensitivity")), Field(json_schema_extra={"kind": "g-squared sensitivity"})
 ]
+PerAxis = float | tuple[float, float, float]
+"""One number for all axes, or three for x, y, z."""
 Triple = tuple[Quadratic, Quadratic, Quadratic]
 
 
@@ -74,6 +81,50 @@ def _not_negative(value: float) -> float:
 
 
 SIZE = AfterValidator(_not_negative)
+
+
+def _sizes(value: PerAxis) -> PerAxis:
+    for v in value if isinstance(value, tuple) else (value,):
+        _not_negative(v)
+    return value
+
+
+AccelDensity = Annotated[
+    PerAxis,
+    BeforeValidator(_each_reader("accelerometer noise density")),
+    AfterValidator(_sizes),
+    Field(json_schema_extra={"kind": "accelerometer noise density"}),
+]
+GyroDensity = Annotated[
+    PerAxis,
+    BeforeValidator(_each_reader("gyro noise density")),
+    AfterValidator(_sizes),
+    Field(json_schema_extra={"kind": "gyro noise density"}),
+]
+AccelInstability = Annotated[
+    PerAxis,
+    BeforeValidator(_each_reader("acceleration")),
+    AfterValidator(_sizes),
+    Field(json_schema_extra={"kind": "acceleration"}),
+]
+GyroInstability = Annotated[
+    PerAxis,
+    BeforeValidator(_each_reader("angular rate")),
+    AfterValidator(_sizes),
+    Field(json_schema_extra={"kind": "angular rate"}),
+]
+AccelWalk = Annotated[
+    PerAxis,
+    BeforeValidator(_each_reader("acceleration random walk")),
+    AfterValidator(_sizes),
+    Field(json_schema_extra={"kind": "acceleration random walk"}),
+]
+GyroWalk = Annotated[
+    PerAxis,
+    BeforeValidator(_each_reader("rate random walk")),
+    AfterValidator(_sizes),
+    Field(json_schema_extra={"kind": "rate random walk"}),
+]
 
 
 def plain(record: BaseModel) -> dict[str, Any]:
@@ -105,6 +156,7 @@ def _plain_value(value: Any, kind: str | None) -> Any:
     return value
 
 
+@lru_cache(maxsize=1024)  # campaigns write the same plan thousands of times
 def _text(value: float, kind: str) -> str:
     """The shortest text that reads back as the same number, in degrees where that can be."""
     if kind in _WRITTEN:

@@ -16,9 +16,13 @@ from .quantities import (
     SIZE,
     AccelDensity,
     Acceleration,
+    AccelInstability,
+    AccelWalk,
     Angle,
     GSquared,
     GyroDensity,
+    GyroInstability,
+    GyroWalk,
     Length,
     Quadratic,
     Rate,
@@ -34,10 +38,46 @@ class _Record(BaseModel):
 
 
 class Noise(_Record):
-    """White noise of the sensors: density per sqrt(Hz), so that a mean over T seconds has density^2 / T."""
+    """Noise of the sensors, each number for all axes of a triad or three for its x, y, z.
 
-    accel: Annotated[AccelDensity, SIZE] | None = None
-    gyro: Annotated[GyroDensity, SIZE] | None = None
+    `accel` and `gyro` are the density of white noise per sqrt(Hz), so that a mean over T seconds has density^2 / T. Slow noise
+    may be stated besides, as `sagnac noise` finds it: the bias instability B of IEEE Std 952 and the random walk K of the bias,
+    per sqrt(s).
+    """
+
+    accel: AccelDensity | None = None
+    gyro: GyroDensity | None = None
+    accel_instability: AccelInstability | None = None
+    gyro_instability: GyroInstability | None = None
+    accel_walk: AccelWalk | None = None
+    gyro_walk: GyroWalk | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        for key in ("accel", "gyro"):
+            each = getattr(self, key)
+            if isinstance(each, tuple) and max(each) > 0 and not min(each) > 0:
+                raise ValueError(
+                    f"{key}: no axis is without white noise; for one that shows none state what it stays below"
+                )
+        return self
+
+    def of(self, sensor: str, term: str = "") -> tuple[float, float, float] | None:
+        """One term of the axes x, y, z of a sensor, SI; None where it is not stated.
+
+        Parameters
+        ----------
+        sensor : str
+            ``accel`` or ``gyro``.
+        term : str
+            Empty for the density of white noise, which no axis is without: zero for all three states nothing. Or
+            ``instability``, ``walk``.
+        """
+        stated = getattr(self, f"{sensor}_{term}" if term else sensor)
+        if stated is None:
+            return None
+        each = stated if isinstance(stated, tuple) else (stated,) * 3
+        return each if term or min(each) > 0 else None
 
 
 class Limits(_Record):

@@ -54,7 +54,7 @@ def read_toml(path: str | Path, what: str = "plan") -> dict[str, Any]:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as cause:
         raise InputError(f"{path}: cannot read the {what}: {cause}") from cause
-    lines, origin = _one_key_a_line(text)
+    lines, origin = one_key_a_line(text)
     try:
         return tomllib.loads(lines)
     except tomllib.TOMLDecodeError as cause:
@@ -75,8 +75,12 @@ def from_table(table: dict[str, Any], source: str = "plan") -> Plan:
         raise InputError(f"{source}: " + "; ".join(problems)) from cause
 
 
-def _one_key_a_line(text: str) -> tuple[str, list[int]]:
+def one_key_a_line(text: str) -> tuple[str, list[int]]:
     """TOML with semicolons between keys turned into lines (TOML itself has no such separator; people write it).
+
+    Parameters
+    ----------
+    text : str
 
     Returns
     -------

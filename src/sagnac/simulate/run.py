@@ -76,6 +76,8 @@ def follow_up(scenario: Scenario, folder: Path, recording: str) -> str:
         files = f"--master {folder / 'master.parquet'} --slave {folder / recording} --config {folder / 'config.toml'}"
         scale = "".join(" --scale " + shlex.quote(f"{n}={v}") for n, v in scenario.unit.scale.items())
         return f"sagnac align {scenario.method} {files}{scale} --out {folder / 'alignment'}"
+    if scenario.method == "noise":
+        return f"sagnac noise {folder / recording} --plot {folder / 'noise.png'}"
     return f"sagnac calibrate {scenario.method} {folder / recording} --plan {folder / 'plan.toml'} --out {folder / 'cal.json'}"
 
 

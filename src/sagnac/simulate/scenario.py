@@ -34,7 +34,7 @@ class _File(Record):
 
     title: str = ""
     method: Literal[
-        "", "four-position", "multi-position", "norm", "table", "centrifuge", "roll-isolated", "transfer"
+        "", "four-position", "multi-position", "norm", "table", "centrifuge", "roll-isolated", "transfer", "noise"
     ] = ""
     latitude: Any = None
     height: Any = None
@@ -193,7 +193,7 @@ def _plan(file: _File, rig: Mapping[str, Any], kind: str, name: str) -> Plan:
         "serial": u.serial,
         "scale": u.scale,
         "limits": u.limits,
-        "noise": {s: f"{v!r} {_DENSITY[s]}" for s, v in stated.items() if v and u.state_noise},
+        "noise": {s: f"{v!r} {_DENSITY[s]}" for s, v in stated.items() if v and u.state_noise} | _slow(u),
     } | ({"accel_k2": u.accel_k2} if u.accel_k2 is not None else {})
     table = {k: getattr(file, k) for k in _SITE if getattr(file, k) is not None}
     plan = plans.from_table({**table, "unit": unit, "rig": dict(rig), "segment": file.segment}, name)
@@ -208,6 +208,21 @@ def _plan(file: _File, rig: Mapping[str, Any], kind: str, name: str) -> Plan:
         raise InputError(f"{name}: " + "; ".join(problem(e, "plan") for e in cause.errors())) from cause
 
 
+def _slow(unit: TrueUnit) -> dict[str, str]:
+    """The slow noise that the plan states."""
+    if not unit.state_slow_noise:
+        return {}
+    out = {}
+    for sensor, (signal, walk) in _SLOW.items():
+        model = unit.noise_of(sensor)
+        if model.instability:
+            out[f"{sensor}_instability"] = f"{model.instability!r} {signal}"
+        if model.walk:
+            out[f"{sensor}_walk"] = f"{model.walk!r} {walk}"
+    return out
+
+
 _RIG_OF = {"centrifuge": "centrifuge", "roll-isolated": "roll-isolated", "transfer": "vehicle"}
 _SITE = ("latitude", "height", "gravity", "gravity_uncertainty", "earth_rate")
+_SLOW = {"accel": ("m/s^2", "m/s^2/s^0.5"), "gyro": ("rad/s", "rad/s/s^0.5")}
 _DENSITY = {"accel": "m/s^2/Hz^0.5", "gyro": "rad/s/Hz^0.5"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
@@ -193,6 +194,13 @@ def _bounds(columns: Sequence[str], plan: Plan, prior: Prior | None) -> dict[str
     return {n: limit for n in names if prior is None or n not in prior.names}
 
 
+def _stated(plan: Plan, column: str) -> float:
+    """Noise that the plan states of an axis, NaN where it states none."""
+    sensor, _, axis = column.partition("_")
+    each = plan.unit.noise.of(sensor)
+    return math.nan if each is None else each["xyz".index(axis)]
+
+
 def _noise(harmonics: SegmentHarmonics, plan: Plan, columns: Sequence[str], remarks: list[str]) -> tuple[Array, bool]:
     """Variance of the samples (n, m), and whether it is known: as stated unless the data show clearly more, else as found."""
     interval = harmonics.interval[:, None]
@@ -200,7 +208,7 @@ def _noise(harmonics: SegmentHarmonics, plan: Plan, columns: Sequence[str], rema
     found, size = harmonics.density[at], np.abs(harmonics.coefficient[:, at]).max(axis=(0, 2))
     dof = harmonics.noise_degrees_of_freedom
     usable = dof > 0 and bool(np.all(np.isfinite(found))) and bool(np.any(found > 1e-12 * size.max()))
-    stated = np.array([getattr(plan.unit.noise, c.partition("_")[0]) or np.nan for c in columns])
+    stated = np.array([_stated(plan, c) for c in columns])
     density = np.where(np.isfinite(stated), stated, found if usable else _NOMINAL * np.maximum(size, 1e-6 * size.max()))
     if usable and np.isfinite(stated).any():
         limit = max(1.5, float(np.sqrt(1.0 + 5.0 * np.sqrt(2.0 / dof))))

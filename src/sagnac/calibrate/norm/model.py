@@ -20,7 +20,8 @@ which is the sampled norm for one sample and the turn-averaged one for whole tur
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -56,17 +57,28 @@ class Group:
     start: Array
     """First directions, (n, 3)."""
 
-    @property
+    @cached_property
+    def turns(self) -> bool:
+        """Whether the table turns."""
+        return bool(np.any(self.rate))
+
+    @cached_property
     def readings(self) -> Array:
         """Readings of both triads side by side, (n, m)."""
         return np.hstack([v for v in (self.accel, self.gyro) if v is not None])
 
 
-class Local(NamedTuple):
+@dataclass(frozen=True)
+class Local:
     """Unknowns of the positions: direction a (n, 3) and azimuth of h (n,)."""
 
     a: Array
     twist: Array
+
+    @cached_property
+    def basis(self) -> Array:
+        """Directions in which a can move, (n, 3, 2)."""
+        return tangents(self.a)
 
 
 class Split(NamedTuple):
@@ -93,12 +105,14 @@ class NormModel:
     gravity: float
     up_rate: float
     groups: tuple[Group, ...]
+    _found: dict[int, tuple[bytes, Local]] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def without_azimuths(self, known: bool) -> NormModel:
         """The same with h where the settings put it (`known`), or left out: a simpler model to start from."""
         groups = [replace(g, twist_sigma=None, level=g.level if known else np.zeros_like(g.level)) for g in self.groups]
         return replace(self, groups=tuple(groups))
 
+    @cached_property
     def places(self) -> list[slice]:
         """Where each part of :class:`Split` stands in the parameter vector."""
         sizes = [
@@ -114,7 +128,7 @@ class NormModel:
 
     def split(self, x: Array) -> Split:
         """Parts of the parameter vector; absent ones are zero."""
-        parts = [x[at] for at in self.places()]
+        parts = [x[at] for at in self.places]
         return Split(
             parts[0],
             parts[1],
@@ -131,13 +145,17 @@ class NormModel:
         matrix, bias, _ = self.accel.unpack(p.accel)
         g = self.gravity * (1.0 + p.gravity_error)
         w2 = group.rate[:, None, None] ** 2
-        along = (a @ p.lever)[:, None, None]
-        f = g * (a + group.lean @ p.tilt) + (w2 * (a[:, :, None] * along - p.lever[:, None]))[..., 0]
-        to_a = matrix @ (g * np.eye(3) + w2 * (along * np.eye(3) + a[:, :, None] * p.lever))
+        f = g * (a + group.lean @ p.tilt) if self.tilt else g * a
+        if group.turns:
+            along = (a @ p.lever)[:, None, None]
+            f = f + (w2 * (a[:, :, None] * along - p.lever[:, None]))[..., 0]
+            to_a = matrix @ (g * np.eye(3) + w2 * (along * np.eye(3) + a[:, :, None] * p.lever))
+        else:
+            to_a = np.broadcast_to(g * matrix, (len(a), 3, 3))
         if not full:
             return f @ matrix.T + bias, to_a, None
         to_x = np.zeros((len(a), 3, x.size))
-        at = self.places()
+        at = self.places
         d_matrix, d_bias, _ = self.accel.derivatives(p.accel)
         to_x[:, :, at[0]] = np.einsum("kij,nj->nik", d_matrix, f) + d_bias.T
         if self.lever:
@@ -171,7 +189,7 @@ class NormModel:
         if not full:
             return values, matrix @ to_a, d_h @ matrix.T, None
         to_x = np.zeros((len(a), 3, x.size))
-        at = self.places()
+        at = self.places
         d_matrix, d_bias, _ = self.gyro.derivatives(p.gyro)
         to_x[:, :, at[1]] = np.einsum("kij,nj->nik", d_matrix, w) + d_bias.T
         if self.rate_unknown:
@@ -182,7 +200,7 @@ class NormModel:
         """Whitened residual (n, m'), its derivative to the local unknowns (n, m', 2 or 3) and to the parameters."""
         n = len(group.start)
         values, to_local, to_x = [], [], []
-        basis = tangents(local.a)
+        basis = local.basis
         if group.accel is not None:
             v, to_a, d = self.accel_readings(group, x, local, full)
             values.append(v)
@@ -205,7 +223,14 @@ class NormModel:
         return r, d_local, None if d_x is None else np.concatenate([d_x, np.zeros((n, 1, x.size))], axis=1)
 
     def locals(self, group: Group, x: Array) -> Local:
-        """Most likely direction and azimuth of each position, given the parameters (Gauss-Newton)."""
+        """Most likely direction and azimuth of each position, given the parameters; kept for who asks for the same again."""
+        key, asked = id(group), x.tobytes()
+        if key not in self._found or self._found[key][0] != asked:
+            self._found[key] = asked, self._most_likely(group, x)
+        return self._found[key][1]
+
+    def _most_likely(self, group: Group, x: Array) -> Local:
+        """Gauss-Newton of the directions and azimuths alone."""
         local = Local(group.start, np.zeros(len(group.start)))
         if group.twist_sigma is not None and np.any(group.twist_sigma >= NO_AZIMUTH):
             local = self._first_twist(group, x, local)
@@ -215,7 +240,7 @@ class NormModel:
             back = np.swapaxes(d, -1, -2)
             step = -np.linalg.solve(back @ d, back @ r[..., None])[..., 0]
             moved = float(np.abs(d @ step[..., None]).max())
-            a = unit(local.a + (tangents(local.a) @ step[:, :2, None])[..., 0])
+            a = unit(local.a + (local.basis @ step[:, :2, None])[..., 0])
             local = Local(a, local.twist + step[:, 2] if step.shape[1] > 2 else local.twist)
             if moved < 1e-8 or 0.3 * before < moved < 1e-3:  # no residual moves any more, or only rounding does
                 break

@@ -200,10 +200,10 @@ def first_noise(seen: Look, plan: Plan) -> tuple[Noise, tuple[bool, bool]]:
     quiet = seen.of("inner") or list(seen.seen)
     weights = np.array([s.count for s in quiet], dtype=float)
     density = np.sqrt(np.average([s.noise**2 for s in quiet], axis=0, weights=weights))
-    stated = plan.unit.noise.gyro or None
+    stated = plan.unit.noise.of("gyro")
     step = plan.rig.encoder_resolution or min((s.finest for s in seen.of("spin")), default=0.0)
     floor = _least_noise(plan.segment, seen.interval)
-    gyro = np.maximum(density if stated is None else np.full(3, stated), floor)
+    gyro = np.maximum(density if stated is None else np.array(stated), floor)
     return Noise(gyro, max(step**2 / 12.0, _least_reading(gyro, seen.interval))), (
         stated is not None,
         plan.rig.encoder_resolution > 0,

@@ -156,7 +156,7 @@ def _check_spin(s: Seen, plan: Plan) -> None:
     turns = abs(rate) * (s.last - s.first) / (2.0 * math.pi)
     if turns < TURNS:
         raise DataError(f"segment {name!r}: {turns:.2g} turns of the carrier are too few; {TURNS:g} are needed")
-    density = plan.unit.noise.gyro or float(s.noise[0])
+    density = (plan.unit.noise.of("gyro") or s.noise.tolist())[0]
     swings = s.excited(density)
     _check_sense(s, rate, swings)
     off = s.spin / rate - 1.0
