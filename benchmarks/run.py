@@ -12,11 +12,14 @@ from unittest import mock
 import numpy as np
 from scipy.optimize import least_squares
 
+import allan
 import bags
+import campaign
 import harmonics
 import lanes
 import plain
 import readers
+import registry
 import simulate
 import strapdown
 from sagnac.calibrate import common, hand_turned, norm, table
@@ -181,6 +184,12 @@ def main() -> None:
     readers.main()
     print()
     bags.main()
+    print()
+    campaign.main(1000)
+    print()
+    allan.main()
+    print()
+    registry.main()
 
 
 if __name__ == "__main__":

@@ -14,3 +14,15 @@ positions = 12
 dwell = "60 s"
 candidates = { directions = 150 }
 """
+
+CAMPAIGN = """
+scenario = "norm"
+runs = 4
+
+[set]
+"plan.dwell" = "1 s"
+"plan.turning" = "0 s"
+"plan.move" = "0.5 s"
+"recording.frequency" = "16 Hz"
+"recording.sensors" = "accel"
+"""

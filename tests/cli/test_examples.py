@@ -11,14 +11,20 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import typer
-from inputs import WANTED
+from inputs import CAMPAIGN, WANTED
 from pyarrow import csv, parquet
 
 from sagnac.align.transfer import covariance
 from sagnac.calibrate import calibrate
+from sagnac.calibration import UnitName
+from sagnac.calibration import load as load_calibration
+from sagnac.campaign import run as campaigns
+from sagnac.campaign import spec
 from sagnac.cli import app
 from sagnac.earth import EARTH_RATE, normal_gravity
 from sagnac.recording import SENSORS, open_recording
+from sagnac.registry import open_registry
+from sagnac.registry.candidates import of_content
 from sagnac.sensors import Correction
 from sagnac.simulate.hand import simulate_hand_turned
 from sagnac.simulate.run import run as simulate
@@ -74,6 +80,30 @@ def parked(path: Path, latitude: float = np.radians(34.246), height: float = 380
     parquet.write_table(pa.table(columns), path)
 
 
+def still(path: Path) -> None:
+    """A unit at rest for five minutes at 100 Hz: white noise of 50 ug/sqrt(Hz) and 0.1 deg/sqrt(h)."""
+    rng = np.random.default_rng(3)
+    n = 30_000
+    columns = {"time [s]": np.arange(n) / 100}
+    for axes, mean, size, unit in (
+        (SENSORS["accel"], 1.0, 50e-6 * 10, "g"),
+        (SENSORS["gyro"], 0.0, 0.1 / 60 * 10, "deg/s"),
+    ):
+        columns |= {f"{a} [{unit}]": mean * (a == "accel_z") + size * rng.normal(size=n) for a in axes}
+    parquet.write_table(pa.table(columns), path)
+
+
+def fleet(folder: Path) -> None:
+    """A registry with three years of a unit, and a calibration that does not say which unit it is of."""
+    unit = UnitName(model="LG-1", serial="0001")
+    with open_registry(folder / "fleet.db", write=True) as registry:
+        for year, file in ((2023, "as-found"), (2024, "last-year"), (2025, "cal")):
+            made = load_calibration(folder / f"{file}.json")
+            made = made.model_copy(update={"unit": unit, "created": f"{year}-06-01T10:00:00+00:00"})
+            list(registry.add([of_content(made.to_json().encode(), f"{file}.json")]))
+    load_calibration(folder / "cal.json").model_copy(update={"unit": UnitName()}).save(folder / "hand.json")
+
+
 @pytest.fixture(scope="module")
 def files(rig, rig_again, tmp_path_factory) -> Path:
     """A folder with every file that an example names."""
@@ -89,6 +119,7 @@ def files(rig, rig_again, tmp_path_factory) -> Path:
         ("recording.csv", "multi-position", "as-found.json"),
     ):
         calibrate(method, open_recording(folder / file, scale=rig.plan.unit.scale), rig.plan).save(folder / result)
+    fleet(folder)
     hand_turned(folder / "log.csv")
     arm = simulated(made, "centrifuge-accel")
     as_csv(arm / "recording.parquet", folder / "spun.csv")
@@ -101,8 +132,11 @@ def files(rig, rig_again, tmp_path_factory) -> Path:
     (folder / "details.toml").write_text('number = "C-1"\n[laboratory]\nname = "The laboratory"\n')
     (folder / "limits.toml").write_text('[limits]\n"accel.bias.*" = "10 mg"\n')
     parked(folder / "parked.parquet")
+    still(folder / "still.parquet")
     (folder / "wanted.toml").write_text(WANTED)
     shutil.copy(made / "transfer-s-turn.toml", folder / "scenario.toml")
+    (folder / "campaign.toml").write_text(CAMPAIGN)
+    campaigns.run(spec.load(folder / "campaign.toml"), folder / "runs", workers=1)
     return folder
 
 

@@ -292,3 +292,13 @@ def test_a_scenario_that_is_not_there(tmp_path):
     (tmp_path / "bad.toml").write_text("a =\nb = 1\n")
     with pytest.raises(InputError, match="bad.toml: cannot read the scenario: .*line 1"):
         load(tmp_path / "bad.toml")
+
+
+def test_the_plan_states_slow_noise_when_asked_to():
+    noise = {"accel_instability": "20 ug", "gyro_walk": "2 deg/h/sqrt(h)"}
+    table = changed("norm", "unit/noise", value=noise)
+    assert from_table(table).plan.unit.noise.accel_instability is None
+    table["unit"]["state_slow_noise"] = True
+    stated = from_table(table)
+    assert stated.plan.unit.noise.of("accel", "instability") == pytest.approx((20 * 9.80665e-6,) * 3)
+    assert stated.plan.unit.noise.of("gyro", "walk") == pytest.approx((stated.unit.noise_of("gyro").walk,) * 3)

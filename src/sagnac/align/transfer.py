@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,9 +23,10 @@ from .checks import differences, timing, verdict
 from .checks import master as master_checks
 from .checks import samples as sample_checks
 from .config import Config
+from .history import Run
 from .master import Master, open_master
 from .record import Draw, keep_inputs, of_run, sources, write
-from .result import Alignment, columns_of
+from .result import Alignment, Innovations, columns_of
 from .samples import Slave
 
 _ROUNDING = 3e-6  # rad: less noise than this of the master's attitude is none
@@ -72,6 +74,42 @@ def transfer(
     recording = slave if isinstance(slave, Recording) else open_recording(slave)
     keep_inputs(out, draw, (master, recording.path, config if not isinstance(config, Config) else None))
     log = open_master(master)
+    found, judged = align(recording, log, settings, progress=progress)
+    source = sources((master, judged.log.time), (recording.path, judged.samples.time), (config, None))
+    result = judged.record(settings, found, source=source, columns=columns_of(recording))
+    write(out, result, found, draw)
+    return result
+
+
+class Judged(NamedTuple):
+    """What was found about the logs of an alignment besides its run."""
+
+    samples: Slave
+    log: Master
+    """On the clock of the samples."""
+    uneven: float
+    """Noise of the single sample of the master's attitude, rad, see :func:`examine`."""
+    innovations: Innovations
+    remarks: tuple[str, ...]
+
+    def record(self, config: Config, found: Run, **more: Any) -> Alignment:
+        """The result, see :func:`sagnac.align.record.of_run`."""
+        return of_run(
+            "transfer",
+            config,
+            found,
+            values=found.values[-1],
+            uneven=self.uneven,
+            innovations=self.innovations,
+            remarks=self.remarks,
+            **more,
+        )
+
+
+def align(
+    recording: Recording, log: Master, settings: Config, *, progress: Callable[[float], None] | None = None
+) -> tuple[Run, Judged]:
+    """:func:`transfer` of logs that are open, without files; raises as that does."""
     samples = slave_of(recording, settings)
     log = _on_the_clock_of(recording, log)
     remarks, doubts, uneven = examine(samples, log, settings)
@@ -84,19 +122,7 @@ def transfer(
             "gravity is not given: what the site's own differs from the normal one by, some 30 mGal (30 ug), is in "
             "accel.bias.z and not in its uncertainty; write gravity = the measured value"
         )
-    result = of_run(
-        "transfer",
-        settings,
-        found,
-        values=found.values[-1],
-        uneven=uneven,
-        innovations=innovations,
-        source=sources((master, log.time), (recording.path, samples.time), (config, None)),
-        columns=columns_of(recording),
-        remarks=(*remarks, *said, *doubts, *more),
-    )
-    write(out, result, found, draw)
-    return result
+    return found, Judged(samples, log, uneven, innovations, (*remarks, *said, *doubts, *more))
 
 
 def covariance(

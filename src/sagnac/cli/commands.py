@@ -12,10 +12,14 @@ import typer
 from .._version import __version__
 from . import options
 from .commands_align import align_app
+from .commands_campaign import campaign_app
 from .commands_export import EXAMPLE as EXPORT_EXAMPLE
 from .commands_export import export
+from .commands_noise import NOISE_EXAMPLE, noise
 from .commands_plan import plan_app
 from .commands_plot import PLOT_EXAMPLE, plot
+from .commands_registry import registry_app
+from .commands_registry_history import COMPARE_EXAMPLE, TREND_EXAMPLE, compare, trend
 from .commands_report import REPORT_EXAMPLE, certify, check_certificates, report
 from .commands_simulate import EXAMPLE as SIMULATE_EXAMPLE
 from .commands_simulate import simulate
@@ -35,8 +39,13 @@ app = typer.Typer(
 
 app.add_typer(plan_app)
 app.add_typer(align_app)
+app.add_typer(registry_app)
+registry_app.command(epilog=TREND_EXAMPLE)(trend)
+registry_app.command(epilog=COMPARE_EXAMPLE)(compare)
+app.add_typer(campaign_app)
 app.command(epilog=SIMULATE_EXAMPLE)(simulate)
 app.command(epilog=NAVIGATE_EXAMPLE)(navigate)
+app.command(epilog=NOISE_EXAMPLE)(noise)
 app.command(epilog=PLOT_EXAMPLE)(plot)
 app.command(epilog=EXPORT_EXAMPLE)(export)
 app.command(epilog=REPORT_EXAMPLE)(report)

@@ -135,12 +135,13 @@ def refuse_saturated(name: str, parts: Sequence[Seen], axes: Sequence[str]) -> N
     finest = np.min([p.finest for p in parts], axis=0)
     low, high = np.min([p.low for p in parts], axis=0), np.max([p.high for p in parts], axis=0)
     alive = noise.max(axis=0) > 0
+    # among its like: what the turn itself changes from sample to sample is no noise
+    usual = {turns: np.median(noise[turning == turns], axis=0) for turns in set(turning.tolist())}
     for k, axis in enumerate(axes):
         if low[k] == high[k] and alive.any() and len(parts) > 1:
             raise DataError(f"{name}: {axis} never changes (always {low[k]:g}): the axis is dead or not connected")
         for part, turns in zip(parts, turning, strict=True):
-            # among its like: what the turn itself changes from sample to sample is no noise
-            if not np.median(noise[turning == turns, k]) > RESOLVED * finest[k]:
+            if not usual[bool(turns)][k] > RESOLVED * finest[k]:
                 continue
             for side, value, held in (("top", high[k], part.at_high[k]), ("bottom", low[k], part.at_low[k])):
                 extreme = (part.high if side == "top" else part.low)[k] == value

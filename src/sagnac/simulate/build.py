@@ -21,7 +21,7 @@ from .centrifuge import SimulatedCentrifuge
 from .drawn import Drawn
 from .engine import STREAMS, Channel, Clock, Drift, Job, Motion, no_drift
 from .motions import CentrifugeMotion, RollMotion
-from .noise import NO_NOISE, NoiseModel, generator
+from .noise import NoiseModel, generator
 from .records import CentrifugeErrors, RollErrors, TemperatureProfile, TurntableErrors, VehicleErrors
 from .scenario import Scenario
 from .table import site_of
@@ -88,7 +88,7 @@ def _build(scenario: Scenario, seed: int) -> Built:
     parameters, slopes = _unit_truth(scenario, seed)
     ratio = scenario.kind == "centrifuge"
     models = {s: _model(parameters, s, ratio=ratio) for s in SENSORS}
-    noise = {s: scenario.unit.noise.model(s, _grade_noise(scenario, s)) for s in SENSORS}
+    noise = {s: scenario.unit.noise_of(s) for s in SENSORS}
     clock = _clock(scenario)
     motion, rig_truth, details = _MOTIONS[scenario.kind](scenario, generator(seed, STREAMS["rig"]))
     profile = scenario.unit.temperature
@@ -168,10 +168,6 @@ def _model(parameters: dict[str, float], sensor: str, *, ratio: bool) -> Correct
     model = correction(parameters, sensor, ratio=ratio)
     assert model is not None  # the parameters hold both triads
     return model
-
-
-def _grade_noise(scenario: Scenario, sensor: str) -> NoiseModel:
-    return NO_NOISE if scenario.unit.grade is None else grades.grade(scenario.unit.grade).noise[sensor]
 
 
 def _channels(scenario: Scenario, noise: dict[str, NoiseModel]) -> tuple[Channel, ...]:

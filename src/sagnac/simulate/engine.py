@@ -188,12 +188,18 @@ def stream(job: Job, *, threads: int | None = None, piece: int = PIECE) -> Itera
     """
     workers = threads or os.cpu_count() or 1
     axes = [_Axis(channel, job.clock, job.seed) for channel in job.channels]
+    if workers == 1:  # a short recording is done before a thread has started
+        for instants in _instants(job.clock, job.seed, piece):
+            clean = _clean(job, instants)
+            read = {a.channel.name: a.read(clean.readings[a.channel.sensor], instants) for a in axes}
+            yield Piece(instants.stamps, read, clean.rig)
+        return
     with ThreadPoolExecutor(workers) as pool:
         ahead: deque[tuple[_Instants, Future[_Clean]]] = deque()
-        instants = _instants(job.clock, job.seed, piece)
+        ahead_of_us = _instants(job.clock, job.seed, piece)
 
         def look_ahead() -> None:
-            for times in instants:
+            for times in ahead_of_us:
                 ahead.append((times, pool.submit(_clean, job, times)))
                 if len(ahead) > workers:
                     return
@@ -268,10 +274,10 @@ def _means(motion: Motion, times: _Instants, middle: Array) -> tuple[Array, Arra
     if isinstance(motion, Averaged):
         return motion.means(np.concatenate([[times.before], times.true]))
     both = [motion.inputs(middle + side * _NODE * times.intervals) for side in (-1.0, 1.0)]
-    force, rate = (first + second for first, second in zip(*both, strict=True))
-    force *= 0.5
-    rate *= 0.5
-    return force, rate
+    for whole, other in zip(*both, strict=True):
+        np.add(whole, other, out=whole)
+        np.multiply(whole, 0.5, out=whole)
+    return both[0]
 
 
 def _readings(job: Job, time: Array, sensors: list[str], force: Array, rate: Array) -> dict[str, Array]:

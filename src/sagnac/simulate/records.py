@@ -26,7 +26,7 @@ from ..quantities import (
 from ..recording import SENSORS
 from . import grades
 from .drawn import Drawn, drawn, drawn_each, draws
-from .noise import NoiseModel
+from .noise import NO_NOISE, NoiseModel
 
 AXES = tuple(axis for axes in SENSORS.values() for axis in axes)
 """Names of the six sensor columns."""
@@ -169,9 +169,21 @@ class TrueUnit(Record):
     """Nominal scale factors, as in a plan: such axes are recorded as whole pulses or counts."""
     state_noise: bool = True
     """Whether the plan states the density of the white noise."""
+    state_slow_noise: bool = False
+    """Whether the plan states bias instability and walk besides."""
     accel_k2: Any = None
     """As in a plan: what the person at the rig knows of it."""
     limits: dict[str, Any] = {}
+
+    def noise_of(self, sensor: str) -> NoiseModel:
+        """Noise of a triad, given or that of the grade.
+
+        Parameters
+        ----------
+        sensor : str
+            ``accel`` or ``gyro``.
+        """
+        return self.noise.model(sensor, NO_NOISE if self.grade is None else grades.grade(self.grade).noise[sensor])
 
 
 class TurntableErrors(Record):

@@ -233,7 +233,8 @@ def simulate(
     motion = Motion.of(plan, swing_amplitude, swing_frequency)
     bias = np.array([truth.get(f"gyro.bias.{a}", 0.0) for a in "xyz"])
     gain = 1.0 + np.array([truth.get(f"gyro.scale_error.{a}", 0.0) for a in "xyz"])
-    noise = (plan.unit.noise.gyro or 0.0 if density is None else density) * math.sqrt(frequency)
+    stated = plan.unit.noise.of("gyro") or np.zeros(3)
+    noise = np.asarray(stated if density is None else density) * math.sqrt(frequency)
     offsets = _offsets(plan, rng, drift)
     turning = _earth_of(plan) if earth is None else earth
     step = 0.0 if encoder_bits is None else 2.0 * math.pi / 2**encoder_bits

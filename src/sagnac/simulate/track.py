@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -157,9 +158,14 @@ class TableMotion:
         stated = np.array([settings(s, plan.rig.letters, len(plan.rig.axes)) for s in segments])
         rates = np.array([s.rates for s in segments])
         self._names = tuple(AXES)[: len(plan.rig.axes)]
-        self._shown = track(segments, stated, rates)
+        self._stated = segments, stated, rates
         true = track(segments, stated + setting_errors[ordered], rates * (1.0 + rate_error))
         self._arguments = kernel_arguments(true, site, errors, plan.rig.letters, lever)
+
+    @cached_property
+    def _shown(self) -> Track:
+        """The way that the settings say; asked for where the rig's channels are recorded only."""
+        return track(*self._stated)
 
     def inputs(self, time: Array) -> tuple[Array, Array]:
         """Specific force and angular rate of the case, (n, 3) each, m/s^2 and rad/s."""

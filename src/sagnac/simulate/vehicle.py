@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,11 +142,22 @@ def log_times(scenario: Scenario) -> tuple[Array, NDArray[np.bool_]]:
     return time, held
 
 
-def write_master(path: Path, scenario: Scenario, seed: int) -> None:
-    """The master's log as Parquet: position, velocity and attitude with the noise of each sample."""
-    import pyarrow as pa
-    from pyarrow import parquet
+class MasterLog(NamedTuple):
+    """What the master says, m samples."""
 
+    time: Array
+    """(m,), s, as stamped."""
+    latitude: Array
+    longitude: Array
+    height: Array
+    velocity: Array
+    """(m, 3), m/s: east, north, up."""
+    angles: Array
+    """(m, 3), rad: heading, pitch, roll."""
+
+
+def master_log(scenario: Scenario, seed: int) -> MasterLog:
+    """The master's log: position, velocity and attitude with the noise of each sample, SI."""
     master = scenario.master
     time, held = log_times(scenario)
     rng = generator(seed, STREAMS["master"])
@@ -153,14 +165,23 @@ def write_master(path: Path, scenario: Scenario, seed: int) -> None:
     time = time[held]
     state = vehicle_of(scenario).state(time - master.latency)
     latitude, longitude, _ = state.place
-    velocity = state.velocity_enu + noise[0]
-    heading, pitch, roll = (angle + noise[1][:, i] for i, angle in enumerate(state.angles))
+    angles = np.column_stack(state.angles) + noise[1]
+    return MasterLog(time, latitude, longitude, state.height, state.velocity_enu + noise[0], angles)
+
+
+def write_master(path: Path, scenario: Scenario, seed: int) -> None:
+    """The master's log as Parquet, see :func:`master_log`."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    log = master_log(scenario, seed)
+    heading, pitch, roll = log.angles.T
     columns = {
-        "time [s]": time,
-        "latitude [deg]": latitude * _DEG,
-        "longitude [deg]": longitude * _DEG,
-        "height [m]": state.height,
-        **{f"v_{n} [m/s]": velocity[:, i] for i, n in enumerate(("east", "north", "up"))},
+        "time [s]": log.time,
+        "latitude [deg]": log.latitude * _DEG,
+        "longitude [deg]": log.longitude * _DEG,
+        "height [m]": log.height,
+        **{f"v_{n} [m/s]": log.velocity[:, i] for i, n in enumerate(("east", "north", "up"))},
         "heading [deg]": np.mod(heading * _DEG, 360.0),
         "pitch [deg]": pitch * _DEG,
         "roll [deg]": roll * _DEG,
