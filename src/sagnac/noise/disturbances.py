@@ -14,24 +14,6 @@ from ..observe.samples import RESOLVED
 from .blocks import Blocks
 from .levels import FEWEST, Step, between, drift_in, harm, share_of, steps
 
-KINDS = (
-    "dead",
-    "stuck",
-    "saturated",
-    "rounded",
-    "repeated",
-    "motion",
-    "restless",
-    "step",
-    "drift",
-    "shock",
-    "temperature",
-    "line",
-    "gap",
-    "misfit",
-)
-"""Kinds of disturbances."""
-
 _NEVER = 1e-9  # probability of a run of equal samples that is no chance
 _FEWEST_EQUAL = 10
 _LEVELS = 30  # of the readings, above which the extreme ones are rare
@@ -57,7 +39,7 @@ class Disturbance:
     Attributes
     ----------
     kind : str
-        One of :data:`KINDS`.
+        One of :data:`sagnac.noise.record.Found`.
     axis : str
         ``gyro_x``, ...; empty for all of the recording.
     text : str

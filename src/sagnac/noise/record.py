@@ -34,6 +34,7 @@ Found = Literal[
     "gap",
     "misfit",
 ]
+"""Kinds of disturbances."""
 
 
 class TermValue(Record):
