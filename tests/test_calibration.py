@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sagnac import calibration as record
-from sagnac.calibration import Calibration, load, loads, printed
+from sagnac.calibration import Calibration, load, loads
 from sagnac.errors import InputError, SagnacError
+from sagnac.printed import printed
 
 DEG = math.pi / 180
 G = 9.80665

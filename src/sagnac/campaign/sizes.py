@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .. import units
-from ..calibration import printed
+from ..printed import printed
 
 _DENSITIES = {
     "m/s^2/Hz^0.5": "ug/sqrt(Hz)",

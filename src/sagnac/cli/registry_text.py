@@ -155,7 +155,7 @@ def bounds_text(found: Sequence[Bound]) -> list[str]:
 def _bounds(b: Bound) -> tuple[str, str, str]:
     import math
 
-    from ..calibration import printed
+    from ..printed import printed
     from ..units import convert
 
     finite = [abs(v) for v in (b.lower, b.upper) if math.isfinite(v)]

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from ..calibrate import centrifuge, multi_position, norm, roll_isolated, table
-from ..calibration import Calibration, printed
+from ..calibration import Calibration
 from ..errors import DataError, InputError
 from ..plan import Plan
+from ..printed import printed
 from . import ideal
 
 METHODS = {

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import units
-from ..calibration import printed, probability
 from ..frames import Array
+from ..printed import printed, probability
 from .terms import TERMS, density
 
 if TYPE_CHECKING:

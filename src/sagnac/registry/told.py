@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ..calibration import printed, probability
+from ..printed import printed, probability
 from .trend_records import YEAR
 
 if TYPE_CHECKING:

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import units
-from ..calibration import Value, printed
+from ..calibration import Value
 from ..errors import InputError
+from ..printed import printed
 from .style import common_unit, pretty
 
 BLANK = "\N{NO-BREAK SPACE}"

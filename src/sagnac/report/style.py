@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import units
-from ..calibration import printed
 from ..errors import InputError
 from ..files import write_atomically
 from ..frames import Array
+from ..printed import printed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -208,7 +208,7 @@ def common_unit(values: Array, sigmas: Array, si_unit: str) -> str:
 
 
 def number(value: float, sigma: float, si_unit: str, unit: str | None = None) -> tuple[str, str, str]:
-    """:func:`sagnac.calibration.printed` with a true minus sign and the unit as in print."""
+    """:func:`sagnac.printed.printed` with a true minus sign and the unit as in print."""
     v, s, unit = printed(value, sigma, si_unit, unit)
     return v.replace("-", "−" if float(v) else ""), s, pretty(unit)
 

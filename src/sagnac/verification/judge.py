@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..calibrate import common
-from ..calibration import Calibration, printed, probability
+from ..calibration import Calibration
 from ..errors import DataError
 from ..frames import Array
 from ..observe.means import SegmentMeans
 from ..plan import Plan
+from ..printed import printed, probability
 from ..sensors import Correction, invert, triad_of
 from .axis import axes, joined
 from .norms import Misfits, norms

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ..calibration import printed, probability
+from ..printed import printed, probability
 
 PASS = 0.01
 """Probability below which the misfits are more than the stated uncertainty allows."""

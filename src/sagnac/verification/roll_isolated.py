@@ -20,12 +20,13 @@ from ..calibrate.roll_isolated import first_noise, nuisances, seen_noise, steady
 from ..calibrate.roll_isolated.model import RollModel
 from ..calibrate.roll_isolated.rows import Channel, Piece
 from ..calibrate.roll_isolated.start import Look, look
-from ..calibration import Calibration, printed
+from ..calibration import Calibration
 from ..errors import DataError, InputError
 from ..estimate import Parameter, settle
 from ..frames import Array
 from ..observe.spectrum import SpectrumSums, find_lines, folded
 from ..plan import Plan
+from ..printed import printed
 from ..recording import Recording
 from ..rigs.roll_isolated import DELAY, ECCENTRICITY, HALF_ANGLE, PHASE
 from . import PASS, Check, Verification

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ...calibration import printed
 from ...errors import DataError
 from ...frames import Array
+from ...printed import printed
 from ..result import Innovations, NotObserved
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...calibration import probability
 from ...errors import DataError
 from ...frames import Array
+from ...printed import probability
 from ..style import (
     BAND,
     BLUE,
