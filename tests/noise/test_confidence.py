@@ -75,16 +75,19 @@ def test_degrees_are_those_of_the_covariance_matrix(kind, alpha):
         assert edf(kind, alpha, m, n) == pytest.approx(np.trace(covariance) ** 2 / (covariance**2).sum(), rel=1e-9)
 
 
+# allantools raises there: exponent 2 of short records, exponent -4 of long ones
+UNPUBLISHED = {("hadamard", 2, 100, 400), ("hadamard", -4, 100, 4000), ("hadamard", -4, 2000, 30_000)}
+
+
 @pytest.mark.parametrize(("kind", "alpha"), EVERY)
 def test_degrees_meet_those_of_greenhall_and_riley_at_long_averaging_times(kind, alpha):
     # they take noise in continuous time, so that short averaging times differ; at exponent 1 for ever (logarithm)
     for m, n in ((100, 400), (100, 4000), (2000, 30_000)):
-        try:
-            published = allantools.ci.edf_greenhall(
-                alpha, 3 if kind == "hadamard" else 2, m, n + 1, overlapping=True, modified=kind == "modified"
-            )
-        except (AssertionError, IndexError, NotImplementedError):
-            continue  # not told there: exponent 2 for short records, exponent -4 of its table
+        if (kind, alpha, m, n) in UNPUBLISHED:
+            continue
+        published = allantools.ci.edf_greenhall(
+            alpha, 3 if kind == "hadamard" else 2, m, n + 1, overlapping=True, modified=kind == "modified"
+        )
         far = 0.18 if alpha == 1 and kind != "modified" else 0.01
         assert edf(kind, alpha, m, n) == pytest.approx(published, rel=far)
 

@@ -156,19 +156,5 @@ def add_limits(connection: sa.Connection, made: Sequence[Bound]) -> None:
     """Register limits."""
     connection.execute(
         sa.insert(limits),
-        [
-            {
-                "model": b.model,
-                "serial": b.serial,
-                "key": b.key,
-                "lower": b.lower if math.isfinite(b.lower) else None,
-                "upper": b.upper if math.isfinite(b.upper) else None,
-                "unit": b.unit,
-                "rule": b.rule,
-                "specification": b.specification,
-                "valid_from": to_microseconds(b.valid_from),
-                "added": to_microseconds(b.added),
-            }
-            for b in made
-        ],
+        [b.to_dict() | {"valid_from": to_microseconds(b.valid_from), "added": to_microseconds(b.added)} for b in made],
     )
