@@ -191,17 +191,17 @@ def test_the_same_flag_at_several_points_is_told_once():
 def test_refusals_are_counted_by_reason():
     error = np.random.default_rng(7).standard_normal((6, 2))
     error[2:] = np.nan
-    status = ["ok", "ok", *(f"DataError: {i} positions of {i}.5e-3" for i in range(3)), "InputError: no"]
+    status = ["ok", "ok", *(f"{i} positions of {i}.5e-3" for i in range(3)), "no"]
     rows = table(error, 1.0, status=status, point=1, first=10)
     found = summary.summarise(tallied(rows, runs=20, points=2))
     assert [(r.point, r.reason, r.runs, r.first) for r in found.refusals] == [
-        (1, "DataError: # positions of #", 3, 12),
-        (1, "InputError: no", 1, 15),
+        (1, "# positions of #", 3, 12),
+        (1, "no", 1, 15),
     ]
     assert (found.points[1].runs, found.points[1].refused, found.points[0].runs) == (6, 4, 0)
     assert found.points[1].parameters[0].runs == 2
     text = show.text(found)
-    assert "3 runs at point 1, the first 12: DataError: # positions of #" in text
+    assert "3 runs at point 1, the first 12: # positions of #" in text
     assert "so far 6 of 40 are done" in text
     assert general("a -1.5e-3 b 7") == "a # b #"
 
@@ -230,7 +230,7 @@ def fleet_rows(values, sigma, p_value) -> pa.Table:
             "run": np.arange(n),
             "recording": [f"logs/{i}.csv" for i in range(n)],
             "serial": [f"S{i}" for i in range(n)],
-            "status": ["ok"] * (n - 1) + ["DataError: logs/9.csv: too short"],
+            "status": ["ok"] * (n - 1) + ["logs/9.csv: too short"],
             "p_value": [*p_value, None],
             "value.accel.bias.x": [*values[:-1], None],
             "sigma.accel.bias.x": [sigma] * (n - 1) + [None],
@@ -255,7 +255,7 @@ def test_a_fleet_is_summed_up_and_what_stands_out_is_named():
     assert any("S4" in f for f in own.flags)
     assert any("S9: the residuals do not fit" in f for f in found.flags)
     text = show.text(found)
-    assert "logs/10.csv: DataError: logs/9.csv: too short" in text
+    assert "logs/10.csv: logs/9.csv: too short" in text
     assert fleets.loads(found.model_dump_json(by_alias=True), "here") == found
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from . import grid
@@ -14,13 +16,15 @@ from .tally import NUMBER, general
 
 FULL = 4
 """Points that are told in full when none is asked for; of more there is a line each."""
+ANY = "CAMPAIGN.toml"
+"""Stands for the campaign's file, where it is not known."""
 _MOST = 30
 """Flags that are told one by one."""
 _AXIS = 2
 """Letters that the last part of a name has where it is an axis, or two."""
 
 
-def text(found: Summary | FleetSummary, point: int | None = None) -> str:
+def text(found: Summary | FleetSummary, point: int | None = None, source: str | Path = ANY) -> str:
     """The tables of a summary.
 
     Parameters
@@ -28,6 +32,8 @@ def text(found: Summary | FleetSummary, point: int | None = None) -> str:
     found : Summary or FleetSummary
     point : int, optional
         Tell this point of the grid in full, counted from zero.
+    source : path
+        The campaign's file, for the command that repeats a run.
     """
     if isinstance(found, FleetSummary):
         return _fleet(found)
@@ -41,7 +47,7 @@ def text(found: Summary | FleetSummary, point: int | None = None) -> str:
     lines += _refusals(found)
     lines += _notes(found, wanted)
     lines += _flag_lines(_gathered(found, wanted))
-    return "\n".join([*lines, *_worst(found)]) + "\n"
+    return "\n".join([*lines, *_worst(found, source)]) + "\n"
 
 
 def where(values: Mapping[str, Any]) -> str:
@@ -201,14 +207,14 @@ def _flag_lines(flags: Sequence[str]) -> list[str]:
     ]
 
 
-def _worst(found: Summary) -> list[str]:
+def _worst(found: Summary, source: str | Path) -> list[str]:
     if not found.worst:
         return []
     told = ", ".join(f"{w.run} ({w.nees:.3g} for {w.degrees_of_freedom})" for w in found.worst[:5])
     return [
         "",
         f"largest NEES: run {told}",
-        "  any of them again, with all its files: sagnac campaign run C.toml --only RUN",
+        f"  any of them again, with all its files: sagnac campaign run {shlex.quote(str(source))} --only RUN",
     ]
 
 

@@ -118,10 +118,7 @@ def _tell(
         }
         typer.echo(json.dumps({**found.model_dump(mode="json", by_alias=True), **more}, indent=1))
         return
-    told = shown.text(found, point)
-    if source is not None:
-        told = told.replace("campaign run C.toml", f"campaign run {shlex.quote(str(source))}")
-    typer.echo(told, nl=False)
+    typer.echo(shown.text(found, point, source or shown.ANY), nl=False)
     for file in files or []:
         typer.echo(f"written: {file}")
     if files is None:

@@ -109,7 +109,7 @@ class Simulation:
 
 def refusal(error: SagnacError) -> str:
     """Status of a run that gave no result: the first line of what is told."""
-    return f"{type(error).__name__}: {str(error).splitlines()[0]}"
+    return str(error).splitlines()[0]
 
 
 class _Bound(NamedTuple):
