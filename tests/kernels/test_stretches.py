@@ -57,6 +57,7 @@ def test_steps_and_runs_of_equal_samples():
     assert steps[[1, 4, 6]] == pytest.approx([2.0, 0.5, 4.5])
     assert count_equal(y, 1.0) == 2
     run = np.array([0.0, np.nan, 0.0, np.nan])
-    follow_runs(y[:4], np.arange(4.0), np.nan, 1e-9, run)
-    follow_runs(y[4:], np.arange(4.0, 8.0), y[3], 1e-9, run)
+    ended = np.zeros(3, dtype=np.int64)
+    follow_runs(y[:4], np.arange(4.0), np.nan, 1e-9, run, ended)
+    follow_runs(y[4:], np.arange(4.0, 8.0), y[3], 1e-9, run, ended)
     assert run.tolist() == [0.0, 7.0, 2.0, 2.0]

@@ -51,7 +51,7 @@ def test_extremes_and_equal_samples_are_counted(values):
 @pytest.mark.parametrize("parts", [(1,), (5, 6, 7, 2000), tuple(range(0, 10_000, 97)), (9999,)])
 def test_parting_changes_nothing(values, parts):
     whole, parted = blocks_of(values), blocks_of(values, parts)
-    for name in ("start", "stop", "low", "high", "at_low", "at_high", "equal", "run", "run_start", "finest"):
+    for name in ("start", "stop", "low", "high", "at_low", "at_high", "equal", "run", "run_start", "runs", "finest"):
         assert np.array_equal(getattr(whole, name), getattr(parted, name)), name
     for name in ("mean", "variance", "steps"):
         assert np.allclose(getattr(whole, name), getattr(parted, name), rtol=1e-9), name
@@ -65,6 +65,15 @@ def test_the_longest_run_is_found_across_pieces(values, parts):
     found = blocks_of(held, parts)
     assert found.run[1] == pytest.approx(37, abs=1)  # the sample before may be equal by chance
     assert found.run_start[1] == pytest.approx(3.0, abs=0.011)
+
+
+def test_runs_are_counted_by_their_lengths():
+    y = np.round(0.4 * np.random.default_rng(7).standard_normal((20_000, 1)))
+    found = blocks_of(y)
+    change = np.flatnonzero(np.diff(y[:, 0]) != 0)
+    lengths = np.diff(change) - 1  # repeats between one change and the next; and those before the first
+    lengths = np.append(lengths[lengths > 0], [change[0]] if change[0] else [])
+    assert found.runs[0, :10].tolist() == [int(((lengths >> j) == 1).sum()) for j in range(10)]
 
 
 def test_temperature_is_averaged_where_it_is_known(values):

@@ -67,6 +67,27 @@ def test_an_axis_whose_channel_stops():
     assert "50 samples" in stuck.text
 
 
+def test_a_channel_that_stops_many_times():
+    values = noise(WHITE, 3)
+    values[:, 1] = np.round(4.0 * values[:, 1])  # of four steps: one sample in fourteen equals the one before
+    for i in range(60):
+        start = 1000 + 1900 * i
+        values[start : start + 40 + i, 1] = values[start, 1]
+    assert "stuck" in kinds(seen(values))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_unit_that_is_calm_at_times_is_not_stuck(seed):
+    """Pulses of a parked vehicle: between gusts some tens of samples are zero, far more than their share would make likely."""
+    rng = np.random.default_rng(seed)
+    loud = np.exp(noise(NoiseModel(markov=((2.0, 0.2),)), seed, axes=1))
+    values = np.round(3.0 * loud * rng.standard_normal((N, 1)))
+    b = blocks_of(values)
+    assert b.run[0] > 40
+    assert b.equal[0] < 0.3
+    assert not {d.kind for d in clues.samples_at_fault(b, AXES[:1], (False,))} & {"stuck"}
+
+
 def test_a_saturated_axis():
     values = noise(WHITE, 4)
     values[:, 1] = np.clip(values[:, 1], None, np.quantile(values[:, 1], 0.99))

@@ -143,8 +143,8 @@ def count_equal(values, value):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def follow_runs(values, time, before, rounding, run):  # type: ignore[no-untyped-def]
-    """Longest run of samples that equal the one before.
+def follow_runs(values, time, before, rounding, run, ended):  # type: ignore[no-untyped-def]
+    """Runs of samples that equal the one before: the longest, and how many there are of each length.
 
     Parameters
     ----------
@@ -155,6 +155,8 @@ def follow_runs(values, time, before, rounding, run):  # type: ignore[no-untyped
         Steps up to here are none.
     run : ndarray, shape (4,)
         Followed on: samples in the run that goes on, time of the sample that it repeats, and both of the longest.
+    ended : ndarray of int, shape (k,)
+        Counted on: runs of 2^j to 2^(j + 1) - 1 samples that have ended; the last counts longer ones too.
     """
     for i in range(values.size):
         if abs(values[i] - before) <= rounding:
@@ -162,5 +164,11 @@ def follow_runs(values, time, before, rounding, run):  # type: ignore[no-untyped
             if run[0] > run[2]:
                 run[2], run[3] = run[0], run[1]
         else:
+            if run[0] > 0.0:
+                j, size = 0, int(run[0])
+                while size > 1 and j < ended.size - 1:
+                    size >>= 1
+                    j += 1
+                ended[j] += 1
             run[0], run[1] = 0.0, time[i]
             before = values[i]

@@ -17,6 +17,7 @@ from .side_by_side import each_axis
 MOST = 8192
 """Blocks kept at most."""
 _FIRST = 8  # samples of a block to begin with
+_LENGTHS = 24  # powers of two by which runs are told apart
 _ROUNDING = 1e-9  # of the range: a step that is a rounding error
 
 
@@ -46,6 +47,8 @@ class Blocks:
         Share of the samples that equal the one before.
     run, run_start : ndarray, shape (a,)
         Most samples in a row that are equal, and the time [s] of the first of them.
+    runs : ndarray of int, shape (a, lengths)
+        How many times a sample was repeated from 2^j to 2^(j + 1) - 1 times.
     finest : ndarray, shape (a,)
         Smallest difference of neighbours that differ; infinite where none do.
     """
@@ -65,6 +68,7 @@ class Blocks:
     equal: Array
     run: Array
     run_start: Array
+    runs: NDArray[np.int64]
     finest: Array
 
     @property
@@ -151,6 +155,7 @@ class Ledger:
     _equal: Array = field(default_factory=lambda: np.zeros(0))
     _finest: Array = field(default_factory=lambda: np.zeros(0))
     _runs: Array = field(default_factory=lambda: np.zeros(0))
+    _ended: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
         """Start with nothing seen."""
@@ -160,6 +165,7 @@ class Ledger:
         self._at = np.zeros((2, a), dtype=np.int64)
         self._equal, self._finest = np.zeros(a), np.full(a, np.inf)
         self._runs = np.tile([0.0, np.nan, 0.0, np.nan], (a, 1))
+        self._ended = np.zeros((a, _LENGTHS), dtype=np.int64)
 
     def add(self, time: Array, values: Array, temperature: Array | None = None) -> None:
         """Take consecutive samples.
@@ -243,8 +249,8 @@ class Ledger:
         equal += first <= rounding
         self._finest[k] = min(self._finest[k], steps.min())
         self._equal[k] += equal
-        if equal:
-            follow_runs(values, time, before, rounding, self._runs[k])
+        if equal or self._runs[k, 0]:
+            follow_runs(values, time, before, rounding, self._runs[k], self._ended[k])
         else:
             self._runs[k, :2] = 0.0, time[-1]
         self._last[k] = values[-1]
@@ -271,5 +277,6 @@ class Ledger:
             equal=self._equal / max(self._samples, 1),
             run=self._runs[:, 2] + 1,
             run_start=self._runs[:, 3].copy(),
+            runs=self._ended.copy(),
             finest=self._finest,
         )

@@ -16,6 +16,7 @@ from .levels import FEWEST, Step, between, drift_in, harm, share_of, steps
 
 _NEVER = 1e-9  # probability of a run of equal samples that is no chance
 _FEWEST_EQUAL = 10
+_MANY_RUNS = 30  # of a length or more, from which their numbers tell how usual longer ones are
 _LEVELS = 30  # of the readings, above which the extreme ones are rare
 _AT_LIMIT = 0.002  # share of the samples at an extreme of the range, from which it is a limit
 _DITHERED = 0.4  # noise in steps of the converter, below which averaging keeps the rounding
@@ -126,7 +127,7 @@ def _fault(b: Blocks, k: int, axis: str, *, counted: bool) -> Disturbance | None
     wide = b.high[k] - b.low[k] > _LEVELS * b.finest[k]
     chance = min(max(float(b.equal[k]), 1e-3), 0.999)
     run = float(b.run[k])
-    limit = max(_FEWEST_EQUAL, math.log(_NEVER / max(samples, 1)) / math.log(chance))
+    limit = max(_FEWEST_EQUAL, math.log(_NEVER / max(samples, 1)) / math.log(chance), _usual_run(b, k))
     for side, value, held in (("top", b.high[k], b.at_high[k]), ("bottom", b.low[k], b.at_low[k])):
         if wide and held > max(_FEWEST_EQUAL, _AT_LIMIT * samples):
             text = (
@@ -148,6 +149,23 @@ def _fault(b: Blocks, k: int, axis: str, *, counted: bool) -> Disturbance | None
         )
         return Disturbance("repeated", axis, text, spoils=False)
     return None
+
+
+def _usual_run(b: Blocks, k: int) -> float:
+    """Samples that the longest run may have, as the log's other runs go.
+
+    The noise of a unit that is calm at times, or whose pulses stop around zero rate, has more long runs than its share of equal
+    samples tells. So runs are taken to go on as rarely as they did in the octave of lengths that most of them ended in; a channel
+    that stops many times makes runs that hardly end in any octave.
+    """
+    reach = np.cumsum(b.runs[k][::-1])[::-1]  # runs of 2^j samples or more
+    many = int(np.count_nonzero(reach >= _MANY_RUNS))
+    if many <= 1:
+        return 0.0
+    stay = reach[1:many] / reach[: many - 1]
+    j = int(np.argmin(stay)) + 1
+    goes_on = math.log(min(stay[j - 1], 0.999)) / 2.0 ** (j - 1)
+    return float(2.0**j + math.log(_NEVER / reach[j]) / goes_on)
 
 
 def _rounded(b: Blocks, k: int, axis: str) -> Disturbance | None:
