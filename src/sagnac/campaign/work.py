@@ -91,7 +91,7 @@ def perform(task: bytes, job: Job, version: str, told: Callable[[], object] | No
         loaded = _load(task)
     except Exception as cause:  # noqa: BLE001 - unpickling runs whatever the task brings
         return Reply(job, "unfit", text=f"a worker cannot load the task: {_said(cause)}", trace=traceback.format_exc())
-    _keep_memory()
+    keep_memory()
     with _turn:
         return _pilot(loaded, job, told) if job.pilot else _chunk(loaded, job, told)
 
@@ -113,7 +113,7 @@ def runs_per_chunk(seconds: float, runs: int, columns: int) -> int:
 
 
 @cache
-def _keep_memory() -> None:
+def keep_memory() -> None:
     """Have the C library keep the memory of one run's arrays for the next run, where it can be told to.
 
     It gives large arrays back to the system at once otherwise, which then clears every page of the next ones: 2 of 34 ms of a
