@@ -44,6 +44,10 @@ class Limit:
     lower: float
     upper: float
 
+    def written(self) -> dict[str, float | None]:
+        """Both bounds as JSON has them, which knows no infinite numbers: None where there is none."""
+        return {k: v if math.isfinite(v) else None for k, v in (("lower", self.lower), ("upper", self.upper))}
+
 
 @dataclass(frozen=True)
 class Limits:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 from registered import MG, add, candidate
 
@@ -10,6 +13,7 @@ from sagnac.errors import DataError, InputError
 from sagnac.limits import Limits
 from sagnac.registry import open_registry
 from sagnac.registry.analysis import fleet_trend, unit_trend
+from sagnac.registry.entries import numbered
 
 MONTH = "2025-{:02d}-01T12:00:00+00:00"
 YEAR = 31557600.0
@@ -102,3 +106,27 @@ def test_the_frame_of_a_misalignment_is_known_where_only_it_was_asked_for(regist
     found = unit_trend(registry, registry.unit("0003"), ["accel.misalignment.yx"])["accel.misalignment.yx"]
     assert len(found.values) == 2
     assert "left out: 3 in the frame of the mounting faces, which is not comparable" in found.remarks
+
+
+@pytest.mark.parametrize("command", [["list"], ["find", "--at", "2026-01-01"], ["trend", "0001"]])
+def test_reading_loads_no_library_that_only_writing_or_large_fleets_need(command, tmp_path):
+    """Each of them takes a quarter of a second to load, half of what a whole command may take."""
+    with open_registry(tmp_path / "fleet.db", write=True) as opened:
+        add(opened, *(candidate("0001", MONTH.format(m), bias=m * MG) for m in range(1, 5)))
+        opened.set_limits(Limits({"accel.bias.x": "5 mg"}), model="LG-1")
+    code = (
+        "import sys; from sagnac.cli import app\n"
+        f"app({['registry', *command, '--registry', str(tmp_path / 'fleet.db')]!r}, standalone_mode=False)\n"
+        "print(sorted({'alembic', 'matplotlib', 'numba', 'psycopg', 'scipy'} & set(sys.modules)), file=sys.stderr)"
+    )
+    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert "0001" in told.stdout
+    assert told.stderr.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [("id:12", 12), (" 12 ", 12), ("id:", None), ("id:-1", None), ("id:١٢", None), ("1e3", None), ("9" * 19, None)],
+)
+def test_the_number_of_a_calibration_is_digits_that_a_database_can_hold(text, number):
+    assert numbered(text) == number

@@ -17,11 +17,10 @@ from registered import DAY, MG, add, calibration, candidate, content
 from sqlalchemy import event, make_url
 
 from sagnac.errors import InputError, SagnacError
-from sagnac.registry import database, open_registry, store
+from sagnac.registry import add_files, database, open_registry, store
 from sagnac.registry.address import address, default_file
 from sagnac.registry.candidates import Lacking, find, of_content, read
 from sagnac.registry.dates import parse
-from sagnac.registry.filing import add_files
 
 # -------------------------------------------------------------------------------------------- where a registry is
 

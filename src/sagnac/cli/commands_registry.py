@@ -72,9 +72,9 @@ def add(
     """Register calibrations; exit status 2 when a file was refused, and the others are registered all the same."""
     from contextlib import nullcontext
 
+    from ..registry import add_files
     from ..registry.address import address
     from ..registry.candidates import Lacking
-    from ..registry.filing import add_files
     from .terminal import counting, note
 
     many = len(files) > 1 or files[0].is_dir()

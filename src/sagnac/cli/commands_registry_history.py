@@ -100,11 +100,12 @@ def _check_use(serial: str | None, of_unit: dict[str, object], of_fleet: dict[st
 def _number(text: str) -> int:
     """Of a calibration, from ``id:12``."""
     from ..errors import InputError
+    from ..registry.entries import numbered
 
-    digits = text.strip().removeprefix("id:")
-    if not (digits.isascii() and digits.isdigit() and len(digits) < 19):
+    number = numbered(text)
+    if number is None:
         raise InputError(f"--without: {text!r} is no number of a calibration; write id:12")
-    return int(digits)
+    return number
 
 
 def compare(

@@ -14,22 +14,10 @@ _DIGITS = 12
 
 
 def columns(rows: Sequence[Sequence[str]], align: str) -> list[str]:
-    """Rows in columns as wide as they need to be; the first row is the head.
+    """Rows as a list has them, see :func:`sagnac.registry.told.columns`."""
+    from ..registry.told import columns
 
-    Parameters
-    ----------
-    rows : sequence of sequences of str
-    align : str
-        ``l`` or ``r`` for each column.
-    """
-    wide = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(
-            text.ljust(width) if side == "l" else text.rjust(width)
-            for text, width, side in zip(row, wide, align, strict=True)
-        ).rstrip()
-        for row in rows
-    ]
+    return columns(rows, align, begin="", gap="  ")
 
 
 def moment(at: datetime) -> str:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import DataError, InputError
-from ..limits import Limit
+from ..limits import meets
 from .bounds import finder
-from .entries import History, Parameter, Unit
+from .entries import Bound, History, Parameter, Unit
 from .series import STEP, of_the_unit
 
 if TYPE_CHECKING:
@@ -64,7 +63,7 @@ def unit_trend(
 
     history, frames = _asked(registry, unit, None, names, since, without)
     for name in names or ():
-        if not any(_meets(name, p) for p in history.parameters):
+        if not any(meets(name, p.name) for p in history.parameters):
             has = ", ".join(dict.fromkeys(p.name for p in registry.history(unit).parameters))
             after = "" if since is None else f" since {since.date().isoformat()}"
             raise DataError(f"no calibration of {unit}{after} has a parameter {name!r}; they have {has}")
@@ -120,7 +119,7 @@ def _asked(
     if names is None:
         own = np.array([of_the_unit(p.name) for p in history.parameters], dtype=bool)
         history = _kept(history, own[history.parameter])
-    elif any(_meets(_MISALIGNMENTS, p) for p in history.parameters):
+    elif any(meets(_MISALIGNMENTS, p.name) for p in history.parameters):
         frames = registry.history(unit, [_MISALIGNMENTS], model=model, since=since)
     if without:
         strange = np.setdiff1d(np.array(without), history.calibration)
@@ -131,10 +130,6 @@ def _asked(
     return history, frames
 
 
-def _meets(pattern: str, p: Parameter) -> bool:
-    return p.name == pattern or fnmatchcase(p.name, pattern)
-
-
 def _kept(history: History, kept: NDArray[np.bool_]) -> History:
     columns = ("item", "time", "calibration", "parameter", "value", "standard_uncertainty")
     return replace(history, **{c: getattr(history, c)[kept] for c in columns})
@@ -142,12 +137,6 @@ def _kept(history: History, kept: NDArray[np.bool_]) -> History:
 
 def _limits(
     registry: Registry, model: str | None = None, unit: Unit | None = None
-) -> Callable[[Unit, Parameter], Limit | None]:
+) -> Callable[[Unit, Parameter], Bound | None]:
     """Limits in force, by unit and parameter."""
-    bound_of = finder(registry.limits(unit, model=model))
-
-    def limit_of(own: Unit, p: Parameter) -> Limit | None:
-        found = bound_of(own, p)
-        return None if found is None else Limit(found.lower, found.upper)
-
-    return limit_of
+    return finder(registry.limits(unit, model=model))

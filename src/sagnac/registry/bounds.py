@@ -72,31 +72,17 @@ def resolve(
     serial: str,
     valid_from: datetime | None,
 ) -> tuple[list[Bound], list[str]]:
-    """Limits in SI, as they are to be kept.
+    """Limits in SI, as they are to be kept; see :meth:`sagnac.registry.store.Registry.set_limits` for the rest.
 
     Parameters
     ----------
     given : Limits
-        As read from a file, or put together.
     known : sequence of Parameter
         Those that calibrations of the model, or of the unit, have; a limit must meet one of them, if there are any.
     earlier : sequence of Bound
         Lines of the model that there are; what is lifted must be among them.
     model, serial : str
-        What it is for; an empty serial: all units of the model.
     valid_from : datetime or None
-        UTC; None: at once.
-
-    Returns
-    -------
-    bounds : list of Bound
-    remarks : list of str
-
-    Raises
-    ------
-    InputError
-        For a key that meets no parameter, patterns that meet the same one, a bound of another unit, and where there is nothing to
-        lift.
     """
     source = given.source
     if given.rule not in RULES:
@@ -122,7 +108,7 @@ def resolve(
             unit, limit = _limit(key, value, known, f"{source}: {key}")
             remarks += _bounded(key, unit, known)
         made.append(
-            Bound(model, serial, key, limit.lower, limit.upper, unit, given.rule, given.specification, start, added)
+            Bound(limit.lower, limit.upper, model, serial, key, unit, given.rule, given.specification, start, added)
         )
     return made, remarks
 
@@ -268,8 +254,7 @@ def states(connection: sa.Connection, entries: Sequence[Entry]) -> dict[int, Sta
         for number, value, sigma, dof in own:
             bound = limit_of(e.unit, known[number])
             if bound is not None:
-                limit = Limit(bound.lower, bound.upper)
-                passed[known[number].name] = judge(value, limit, factor_of(dof) * sigma, bound.rule)
+                passed[known[number].name] = judge(value, bound, factor_of(dof) * sigma, bound.rule)
         if passed or missed:
             word = _WORDS[together([*passed.values(), *(None for _ in missed)])]
             made[e.id] = State(word, tuple(sorted(name for name, p in passed.items() if p is False)), missed)

@@ -11,6 +11,8 @@ from datetime import UTC, datetime, timedelta
 
 from ..errors import InputError
 
+YEAR = 31557600.0
+"""Julian year, s."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
 _WEEK = re.compile(r"\d{4}-?W\d{2}(?!-?\d)")

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from ..frames import Array
 from .probability import normal_below
-from .scatter import Filtered, Grid, Scaled, axes_of, run, scaled, smooth
+from .scatter import Axis, Filtered, Grid, Scaled, axes_of, run, scaled, smooth
 
 _In = TypeVar("_In")
 _Out = TypeVar("_Out")
@@ -217,20 +217,15 @@ def infer(histories: Histories) -> Posterior:
 
 def _piece(histories: Histories, *, compiled: bool) -> Posterior:
     own = scaled(histories.time, histories.value, histories.sigma)
-    white, walk = axes_of(own, _STAGES[0])
-    grid = Grid.of(white, walk)
-    for cells in _STAGES[1:]:
-        score = _scores(grid, run(own, grid.white**2, grid.walk**2, compiled=compiled).likelihood)
-        k = white.edges.shape[1]
-        table = score.reshape(-1, k, k)
-        white, walk = white.closer(table.max(axis=2), cells), walk.closer(table.max(axis=1), cells)
-        grid = Grid.of(white, walk)
-    found = run(own, grid.white**2, grid.walk**2, compiled=compiled)
-    weight = np.exp(_scores(grid, found.likelihood))
+    grid, found, weight = _closed_in(
+        *axes_of(own, _STAGES[0]),
+        lambda grid: run(own, grid.white**2, grid.walk**2, compiled=compiled),
+        lambda likelihood: likelihood,
+    )
     model, best = _best(found.likelihood, _STAGES[-1] + 1)
     size, length = own.size[:, None], own.length[:, None]
     return Posterior(
-        weight=weight / weight.sum(axis=1, keepdims=True),
+        weight=weight,
         white=grid.white * size,
         walk=(grid.walk * size) ** 2 / length,
         drift=found.drift * size / length,
@@ -271,19 +266,36 @@ def pooled(histories: Histories, *, compiled: bool = False) -> tuple[Array, Arra
         pairs = np.broadcast_to((size * grid.white) ** 2, shape), np.broadcast_to((wander * grid.walk) ** 2, shape)
         return run(own, *pairs, compiled=compiled)
 
+    _, found, weight = _closed_in(white, walk, filtered, lambda likelihood: likelihood.sum(axis=0, keepdims=True))
+    drift = (weight * found.drift).sum(axis=1)
+    variance = (weight * (1.0 / found.information + (found.drift - drift[:, None]) ** 2)).sum(axis=1)
+    return drift * own.size / own.length, np.sqrt(variance) * own.size / own.length
+
+
+def _closed_in(
+    white: Axis, walk: Axis, filtered: Callable[[Grid], Filtered], together: Callable[[Array], Array]
+) -> tuple[Grid, Filtered, Array]:
+    """The pairs that count, what the filter has come to with them, and their weights, which add up to one in each row.
+
+    Parameters
+    ----------
+    white, walk : Axis
+        All that is considered.
+    filtered : callable
+        Runs the filter over a grid.
+    together : callable
+        Likelihood of each row of the axes from that of the histories.
+    """
     grid = Grid.of(white, walk)
     found = filtered(grid)
     for cells in _STAGES[1:]:
         k = white.edges.shape[1]
-        table = _scores(grid, found.likelihood.sum(axis=0)[None]).reshape(-1, k, k)
+        table = _scores(grid, together(found.likelihood)).reshape(-1, k, k)
         white, walk = white.closer(table.max(axis=2), cells), walk.closer(table.max(axis=1), cells)
         grid = Grid.of(white, walk)
         found = filtered(grid)
-    weight = np.exp(_scores(grid, found.likelihood.sum(axis=0)[None]))
-    weight /= weight.sum()
-    drift = (weight * found.drift).sum(axis=1)
-    variance = (weight * (1.0 / found.information + (found.drift - drift[:, None]) ** 2)).sum(axis=1)
-    return drift * own.size / own.length, np.sqrt(variance) * own.size / own.length
+    weight = np.exp(_scores(grid, together(found.likelihood)))
+    return grid, found, weight / weight.sum(axis=1, keepdims=True)
 
 
 def _scores(grid: Grid, likelihood: Array) -> Array:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..limits import Limit
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -16,6 +18,14 @@ if TYPE_CHECKING:
 
 LONGEST = 200
 """Characters of a name: a key of more would not fit into an index of every database."""
+_DIGITS = 19
+"""Of a number that no database can hold any more."""
+
+
+def numbered(text: str) -> int | None:
+    """Number of a calibration from ``id:12``, or from its digits alone; None where it is none."""
+    digits = text.strip().removeprefix("id:")
+    return int(digits) if digits.isascii() and digits.isdigit() and len(digits) < _DIGITS else None
 
 
 @dataclass(frozen=True)
@@ -130,8 +140,8 @@ class History:
 
 
 @dataclass(frozen=True)
-class Bound:
-    """A limit as the registry holds it.
+class Bound(Limit):
+    """A limit as the registry holds it: with neither bound, the earlier lines of its key are lifted.
 
     Attributes
     ----------
@@ -140,9 +150,8 @@ class Bound:
         Of the one unit that it is for; empty: all of the model.
     key : str
         Parameter or pattern.
-    lower, upper : float
-        In `unit`; infinite where there is none. With neither, the earlier lines of this key are lifted.
     unit : str
+        Of both bounds.
     rule : str
         How it is decided, see :mod:`sagnac.limits`.
     specification : str
@@ -154,8 +163,6 @@ class Bound:
     model: str
     serial: str
     key: str
-    lower: float
-    upper: float
     unit: str
     rule: Rule
     specification: str
@@ -173,8 +180,7 @@ class Bound:
             "model": self.model,
             "serial": self.serial,
             "key": self.key,
-            "lower": self.lower if math.isfinite(self.lower) else None,
-            "upper": self.upper if math.isfinite(self.upper) else None,
+            **self.written(),
             "unit": self.unit,
             "rule": self.rule,
             "specification": self.specification,
@@ -260,3 +266,19 @@ class Added:
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {"file": self.file, "new": self.new, "same": self.same, **self.entry.to_dict()}
+
+
+@dataclass(frozen=True)
+class Filed:
+    """What became of files that were to be registered.
+
+    Attributes
+    ----------
+    added : tuple of Added
+        Those registered now, and those that were before.
+    refused : tuple of str
+        Why, with the name of the file.
+    """
+
+    added: tuple[Added, ...]
+    refused: tuple[str, ...]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import datetime
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import sqlalchemy as sa
 
 from ..errors import InputError
+from ..limits import meets
 from .dates import from_microseconds, to_microseconds
 from .entries import Bound, Entry, History, Parameter, Unit
 from .tables import calibrations, documents, limits, parameters, units, values
@@ -199,11 +199,11 @@ def limits_until(
 
 def _bound(row: Any) -> Bound:
     return Bound(
+        -math.inf if row.lower is None else row.lower,
+        math.inf if row.upper is None else row.upper,
         row.model,
         row.serial,
         row.key,
-        -math.inf if row.lower is None else row.lower,
-        math.inf if row.upper is None else row.upper,
         row.unit,
         row.rule,
         row.specification,
@@ -276,7 +276,7 @@ def history(
 def _wanted(known: dict[int, Parameter], names: Sequence[str]) -> list[int]:
     found = []
     for wanted in names:
-        met = [number for number, p in known.items() if p.name == wanted or fnmatchcase(p.name, wanted)]
+        met = [number for number, p in known.items() if meets(wanted, p.name)]
         if not met:
             every = ", ".join(sorted({p.name for p in known.values()}))
             raise InputError(f"no calibration has a parameter {wanted!r}; there are {every or 'none'}")

@@ -15,7 +15,7 @@ from . import bounds, dates, queries, writer
 from .address import Address
 from .candidates import Candidate
 from .database import Database
-from .entries import Added, Bound, Entry, History, Listed, State, Unit
+from .entries import Added, Bound, Entry, History, Listed, State, Unit, numbered
 from .tables import calibrations
 
 if TYPE_CHECKING:
@@ -122,7 +122,8 @@ class Registry:
         Raises
         ------
         InputError
-            For limits that fit no parameter of the calibrations that are registered, and where there is none to be lifted.
+            For a key that meets no parameter of the calibrations that are registered, patterns that meet the same one, a bound of
+            another unit, and where there is nothing to lift.
         """
         if serial:
             self.unit(serial, model)
@@ -251,13 +252,13 @@ class Registry:
         return self._in_force(self.unit(serial, model), dates.parse(date, reference, end=True))
 
     def _numbered(self, text: str) -> Entry:
-        number = text.removeprefix("id:")
-        if number.isascii() and number.isdigit() and len(number) < 19:
+        number = numbered(text)
+        if number is not None:
             with self._database.reading() as connection:
-                found = queries.entries_where(connection, calibrations.c.id, [int(number)])
+                found = queries.entries_where(connection, calibrations.c.id, [number])
             if found:
                 return found[0]
-        raise InputError(f"{self.where}: no calibration has the number {number!r}")
+        raise InputError(f"{self.where}: no calibration has the number {text.removeprefix('id:')!r}")
 
     def _in_force(self, unit: Unit, at: datetime) -> Entry:
         with self._database.reading() as connection:

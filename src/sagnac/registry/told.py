@@ -7,33 +7,35 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..printed import printed, probability
-from .trend_records import YEAR
+from .dates import YEAR
 
 if TYPE_CHECKING:
     from .compare import Comparison, Difference
     from .fleet import FleetParameter, FleetTrend, UnitTrend
     from .trend_records import Known, Leaving, ParameterTrend, Trend
 
-_WIDE = 3
 _LEAST = 1e-15
 """Probability below which it is no number any more."""
 
 
-def table(rows: Sequence[tuple[str, ...]], align: str) -> list[str]:
+def columns(rows: Sequence[Sequence[str]], align: str, *, begin: str = "  ", gap: str = "   ") -> list[str]:
     """Rows in columns as wide as they need to be, the first row being the head.
 
     Parameters
     ----------
-    rows : sequence of tuple of str
+    rows : sequence of sequences of str
     align : str
         ``l`` or ``r`` for each column.
+    begin, gap : str
+        What stands before the first column, and between two of them.
     """
-    wide = [max(len(row[i]) for row in rows) for i in range(len(align))]
+    wide = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
-        "  "
-        + (" " * _WIDE)
-        .join(c.ljust(w) if a == "l" else c.rjust(w) for c, w, a in zip(row, wide, align, strict=True))
-        .rstrip()
+        begin
+        + gap.join(
+            text.ljust(width) if side == "l" else text.rjust(width)
+            for text, width, side in zip(row, wide, align, strict=True)
+        ).rstrip()
         for row in rows
     ]
 
@@ -74,7 +76,7 @@ def trend_text(trend: Trend) -> str:
         )
     ]
     rows += [_row(p) for p in trend.parameters]
-    lines = [head, "", *table(rows, "lrrrrrrll"), ""]
+    lines = [head, "", *columns(rows, "lrrrrrrll"), ""]
     lines += [
         "  ±: standard uncertainty. Expected (apart from its own uncertainty), and dates in brackets: with 95 % probability.",
         "  white, walk: scatter beyond the stated uncertainties, run to run and as a random walk within a year.",
@@ -187,7 +189,7 @@ def model_text(fleet: FleetTrend, most: int) -> str:
     ]
     rows += [(p.model, *_fleet_row(p)) for p in fleet.parameters]
     if len(rows) > 1:
-        lines += table([row if several else row[1:] for row in rows], "llrrrlrr" if several else "lrrrlrr")
+        lines += columns([row if several else row[1:] for row in rows], "llrrrlrr" if several else "lrrrlrr")
         lines += [
             "",
             "  ±: standard uncertainty. Spread: what the drifts differ by beyond their uncertainties, 95 % in brackets.",
@@ -201,7 +203,7 @@ def model_text(fleet: FleetTrend, most: int) -> str:
             "",
             "  Nearest to their limits",
             "",
-            *table([row if several else row[1:] for row in named], "lllrlrrll" if several else "llrlrrll"),
+            *columns([row if several else row[1:] for row in named], "lllrlrrll" if several else "llrlrrll"),
         ]
         if len(near) > most:
             lines.append(f"  ... and {len(near) - most} more: --json names all")
@@ -267,7 +269,7 @@ def comparison_text(comparison: Comparison) -> str:
         ("parameter", "before", "after", "difference", "unit", "over its unc.", "probability", "")
     ]
     rows += [_difference_row(d) for d in comparison.parameters]
-    lines = ["Comparison of two calibrations", "", *sides, "", *table(rows, "lrrrlrrl"), ""]
+    lines = ["Comparison of two calibrations", "", *sides, "", *columns(rows, "lrrrlrrl"), ""]
     lines.append("  ±: standard uncertainty, of the difference that of both together")
     both = comparison.together
     if both is not None:

@@ -19,12 +19,13 @@ from .._version import __version__
 from ..frames import Array
 from ..limits import Limit
 from ..results import Software
+from .dates import YEAR
 from .drift import MODELS, Histories, Posterior, infer, quantiles
 from .entries import History, Parameter
 from .leaving import Passage, passage
 from .probability import chi_square_above
 from .series import STEP, Series, jumps, side_by_side, taken_apart, tells_drift
-from .trend_records import YEAR, Bounds, Expected, Known, Leaving, Moment, ParameterTrend, Scatter, Step, Trend
+from .trend_records import Bounds, Expected, Known, Leaving, Moment, ParameterTrend, Scatter, Step, Trend
 
 HORIZON = 20.0
 """Years after the last calibration beyond which no date is given."""
@@ -247,10 +248,7 @@ def known(three: Array) -> Known:
 
 def bounds_of(limit: Limit) -> Bounds:
     """Limits for a record."""
-    return Bounds(
-        lower=float(limit.lower) if np.isfinite(limit.lower) else None,
-        upper=float(limit.upper) if np.isfinite(limit.upper) else None,
-    )
+    return Bounds(**limit.written())
 
 
 def scatter_of(fitted: Fitted, row: int) -> Scatter:

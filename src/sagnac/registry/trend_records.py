@@ -17,8 +17,6 @@ from .series import Series
 
 SCHEMA = "sagnac/trend/1"
 SCHEMA_FILE = Path(__file__).with_name("trend-1.schema.json")
-YEAR = 31557600.0
-"""Julian year, s."""
 
 
 class Moment(Record):

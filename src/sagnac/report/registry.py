@@ -9,10 +9,10 @@ import numpy as np
 
 from ..errors import DataError
 from ..frames import Array
+from ..registry.dates import YEAR
 from ..registry.drift import course, infer
 from ..registry.series import side_by_side, tells_drift
 from ..registry.told import leaving_text, shown_in
-from ..registry.trend_records import YEAR
 from .pictures.bars import changes
 from .pictures.groups import ordered
 from .pictures.rows import Row, legend, table
