@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from ..plan import Plan
 from ..recording import Recording
 from ..results import Software, Source, covariance_rows, now
 from ..rigs.turntable import Site, attitude, averaging
+from .slow import slow_noise
 
 _POOR = 2.0
 _FAR = 4.0  # times the stated uncertainty of what the plan says
@@ -80,7 +81,7 @@ def noise_of(means: SegmentMeans, plan: Plan, sensor: str, gain: float = 1.0, si
         return Noise(_with_slow(density, slow, means), True)
     # what pulses lost or won at the ends of the blocks leave uncertain is no sign of more noise
     pulses = means.pulse.get(sensor, np.zeros(3)) ** 2 / (6.0 * float(np.median(means.duration)) / 16.0)
-    inside = _slow_inside(means, plan, sensor) * gain**2
+    inside = slow_inside(means, plan, sensor) * gain**2
     ratio = found / np.sqrt(density**2 + pulses + inside)
     limit = max(1.5, np.sqrt(1.0 + 5.0 * np.sqrt(2.0 / dof)))
     if np.any(ratio > limit):
@@ -96,7 +97,29 @@ def noise_of(means: SegmentMeans, plan: Plan, sensor: str, gain: float = 1.0, si
     return Noise(_with_slow(density, slow, means), True)
 
 
-def slow_variance(means: SegmentMeans, plan: Plan, sensor: str) -> Array:
+class Timed(Protocol):
+    """Segments of a test: means or harmonics of them."""
+
+    @property
+    def mid_time(self) -> Array:
+        """Of each segment, s."""
+
+    @property
+    def duration(self) -> Array:
+        """Of each segment, s."""
+
+
+def whole_time(means: Timed) -> float:
+    """Time from the start of the first segment to the end of the last, s.
+
+    Parameters
+    ----------
+    means : SegmentMeans or SegmentHarmonics
+    """
+    return float((means.mid_time + means.duration / 2).max() - (means.mid_time - means.duration / 2).min())
+
+
+def slow_variance(means: Timed, plan: Plan, sensor: str) -> Array:
     """What the slow noise that a plan states adds to the variance of the means of segments, shape (n, 3), SI.
 
     A constant bias is estimated or compared with, so that what counts is how far the mean over a segment of T seconds lies from
@@ -111,22 +134,12 @@ def slow_variance(means: SegmentMeans, plan: Plan, sensor: str) -> Array:
 
     Parameters
     ----------
-    means : SegmentMeans
+    means : SegmentMeans or SegmentHarmonics
     plan : Plan
     sensor : str
     """
-    out = np.zeros((len(means.segments), 3))
-    B, K = plan.unit.noise.of(sensor, "instability"), plan.unit.noise.of(sensor, "walk")
-    if B is None and K is None:
-        return out
-    T = means.duration[:, None]
-    whole = float((means.mid_time + means.duration / 2).max() - (means.mid_time - means.duration / 2).min())
-    longer = np.maximum(whole, T)
-    if B is not None:
-        out = out + np.array(B) ** 2 / math.pi * np.log(longer / T)
-    if K is not None:
-        out = out + np.array(K) ** 2 * (longer - T) / 6.0
-    return out
+    slow = slow_noise(plan, sensor)
+    return np.zeros((means.duration.size, 3)) if slow is None else slow.mean_variance(means.duration, whole_time(means))
 
 
 def _with_slow(density: Array, slow: Array, means: SegmentMeans) -> Array:
@@ -134,8 +147,15 @@ def _with_slow(density: Array, slow: Array, means: SegmentMeans) -> Array:
     return np.sqrt(density**2 + slow * means.duration[:, None]) if slow.any() else density
 
 
-def _slow_inside(means: SegmentMeans, plan: Plan, sensor: str) -> Array:
-    """What slow noise adds to the squared density found in the blocks of segments, at most, shape (3,), SI."""
+def slow_inside(means: Timed, plan: Plan, sensor: str) -> Array:
+    """What slow noise adds to the squared density found in the blocks of segments, at most, shape (3,), SI.
+
+    Parameters
+    ----------
+    means : SegmentMeans or SegmentHarmonics
+    plan : Plan
+    sensor : str
+    """
     B, K = plan.unit.noise.of(sensor, "instability"), plan.unit.noise.of(sensor, "walk")
     T = float(np.median(means.duration))
     out = np.zeros(3) if B is None else np.array(B) ** 2 / math.pi * math.log(BLOCKS)
@@ -364,6 +384,26 @@ def _noise_levels(means: SegmentMeans | None, plan: Plan | None) -> dict[Literal
         elif stated:
             out[sensor] = record.NoiseLevel(density=stated, unit=f"{reading}/sqrt(Hz)", origin="plan", **slow)
     return out
+
+
+def with_found_noise(
+    calibration: Calibration, plan: Plan, sensor: Literal["accel", "gyro"], density: Array
+) -> Calibration:
+    """A result with the white noise that was found in the data and has weighed them, where no means tell it.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    plan : Plan
+        Of which slow noise is taken along.
+    sensor : str
+    density : ndarray, shape (3,), SI
+    """
+    x, y, z = (float(v) for v in density)
+    reading = {"accel": "m/s^2", "gyro": "rad/s"}[sensor]
+    slow = {t: plan.unit.noise.of(sensor, t) for t in ("instability", "walk")}
+    level = record.NoiseLevel(density=(x, y, z), unit=f"{reading}/sqrt(Hz)", origin="recording", **slow)
+    return calibration.model_copy(update={"noise": {**calibration.noise, sensor: level}})
 
 
 def _environment(recording: Recording | None) -> record.Environment:

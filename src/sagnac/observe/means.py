@@ -16,6 +16,7 @@ from ..errors import DataError
 from ..frames import Array
 from ..plan import Plan, Segment
 from ..recording import GAP, SENSORS, Batch, Recording, sample_interval
+from .rig_angles import RigAngles
 from .samples import axis_names, gaps_inside, refuse_outside, refuse_saturated
 from .sums import BLOCKS, Sums
 
@@ -108,7 +109,8 @@ def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
     Raises
     ------
     DataError
-        When a segment lies outside the data or holds no sample, or an axis is saturated.
+        When a segment lies outside the data or holds no sample, an axis is saturated, or the rig's own angles, where they were
+        recorded, are not the plan's (:mod:`.rig_angles`).
     InputError
         When a sample cannot be read (see :meth:`Recording.batches`), or a triad lacks an axis.
     """
@@ -119,7 +121,9 @@ def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
     sums = [Sums(s, 3 * len(sensors)) for s in plan.segment]
     interval, first, last, gaps = np.nan, np.nan, np.nan, []
     warmth: list[float] = []
+    angles = RigAngles(recording, plan)
     for batch in recording.batches():
+        angles.add(batch.time, batch.rig)
         warmth += _extremes(batch.rig.get("temperature"))
         if np.isnan(interval) and batch.time.size > 1:
             interval = sample_interval(batch.time)
@@ -135,8 +139,9 @@ def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
                 part.add(time[i:j], values[i:j], interval if np.isfinite(interval) else np.inf)
     refuse_outside(recording.name, sums, float(first), last, interval)
     refuse_saturated(recording.name, sums, axis_names(recording))
+    of_rig = angles.remarks()
     found = _gather(recording, sums, sensors, interval, gaps, (float(first), last))
-    return replace(found, remarks=(*found.remarks, *_warmth_remarks(warmth)))
+    return replace(found, remarks=(*found.remarks, *_warmth_remarks(warmth), *of_rig))
 
 
 def _extremes(temperature: Array | None) -> list[float]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from ...estimate import CONSISTENT
 from ...observe.harmonics import SegmentHarmonics
 from ...plan import Plan
 from ...recording import Recording
+from .. import common
 from . import closed_form as baseline
 from . import explain
 from .prepare import harmonics_of, prepare
@@ -104,7 +106,7 @@ def calibrate_harmonics(
     task, remarks = prepare(harmonics, plan, known, terms, sensors)
     explain.refuse_other_reading(task)
     if closed_form:
-        return baseline.calibrate(task, plan, recording, harmonics.span, remarks)
+        return _with_noise(baseline.calibrate(task, plan, recording, harmonics.span, remarks), task, harmonics, plan)
     try:
         fitted = solve_mounted(task, remarks, robust=robust)
     except AmbiguousError:
@@ -115,7 +117,19 @@ def calibrate_harmonics(
     if fitted.estimate.p_value < _POOR and not robust:
         explain.refuse_poor(fitted.task, solve, fitted.misfit)
     explain.refuse_no_gain(fitted)
-    return report(fitted, plan, recording, harmonics.span, remarks)
+    return _with_noise(report(fitted, plan, recording, harmonics.span, remarks), task, harmonics, plan)
+
+
+def _with_noise(result: Calibration, task: Task, harmonics: SegmentHarmonics, plan: Plan) -> Calibration:
+    """The result with the white noise of the triads of which the data's own was used."""
+    density = np.sqrt(task.variance[0] * harmonics.interval[0])
+    both: tuple[Literal["accel", "gyro"], ...] = ("accel", "gyro")
+    for sensor in both:
+        at = [j for j, s in enumerate(task.sensors) if s.kind == sensor]
+        stated = plan.unit.noise.of(sensor)
+        if task.noise_known and len(at) == 3 and (stated is None or np.any(density[at] > 1.01 * np.array(stated))):
+            result = common.with_found_noise(result, plan, sensor, density[at])
+    return result
 
 
 def solve_mounted(task: Task, remarks: list[str], *, robust: bool = False) -> Fitted:

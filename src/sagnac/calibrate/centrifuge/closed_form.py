@@ -257,11 +257,13 @@ def calibrate(
 
 def _amplitude_covariance(task: Task, j: int, chosen: Sequence[Sequence[int]]) -> Array:
     """Covariance (21, 21) of the amplitudes of one sensor, means over segments with the same gamma."""
-    _, covariance = task.plain()
+    (_, covariance), slow = task.plain(), task.plain_slow()
     out = np.zeros((3 * COUNT, 3 * COUNT))
     for k, at in enumerate(chosen):
         own = slice(COUNT * k, COUNT * (k + 1))
         out[own, own] = sum(covariance[i, :COUNT, :COUNT] * task.variance[i, j] for i in at) / len(at) ** 2
+        if slow is not None:
+            out[own, own] += slow[list(at), j, :COUNT, :COUNT].sum(axis=0) / len(at) ** 2
     return out
 
 

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from ...errors import DataError, InputError
 from ...frames import Array
 from ...observe.harmonics import SegmentHarmonics, segment_harmonics
+from ...observe.rig_angles import arm_remarks
 from ...plan import Plan
 from ...recording import Recording
 from ...rigs.centrifuge import Arm
 from ...sensors.series import basis
 from .. import common
+from ..slow import harmonics_covariance, slow_noise
 from .prior import Prior
 from .task import Task, sensor_axes, without_tau
 
@@ -123,13 +125,23 @@ def prepare(
     variance, noise_known = _noise(harmonics, plan, columns, remarks)
     rates = np.where(harmonics.arm_known, harmonics.rate, [s.arm_rate for s in harmonics.segments])
     angle, mean_only = _angles(harmonics, plan, columns, remarks)
-    _refuse_other_rate(harmonics, plan, mean_only)
+    slow = _slow(harmonics, plan, extended=harmonics.extended)
+    _refuse_other_rate(harmonics, plan, mean_only, slow)
     _refuse_moving(harmonics)
+    remarks += arm_remarks(
+        harmonics.segments,
+        harmonics.phase,
+        harmonics.mid_time,
+        harmonics.rate,
+        harmonics.arm_known,
+        plan.rig.phase_uncertainty,
+    )
     at = [harmonics.axes.index(c) for c in columns]
     coefficient, covariance, extended = harmonics.coefficient[:, at], harmonics.unit_covariance, harmonics.extended
     if extended and np.all(np.isfinite(angle) | mean_only) and not plan.rig.rate_uncertainty > 0:
         coefficient, covariance = without_tau(coefficient, covariance, harmonics.order)
         extended = False
+        slow = None if slow is None else _slow(harmonics, plan, extended=False)
     task = Task(
         plan=plan,
         segments=harmonics.segments,
@@ -155,6 +167,7 @@ def prepare(
         fixed={},
         bounds=bounds,
         prior=None if prior is None else prior.only(sorted(own)),
+        slow=None if slow is None else slow[:, at],
     )
     return task, remarks
 
@@ -202,7 +215,7 @@ def _stated(plan: Plan, column: str) -> float:
 
 
 def _noise(harmonics: SegmentHarmonics, plan: Plan, columns: Sequence[str], remarks: list[str]) -> tuple[Array, bool]:
-    """Variance of the samples (n, m), and whether it is known: as stated unless the data show clearly more, else as found."""
+    """Variance of the samples' white noise (n, m), and whether it is known: as stated unless the data clearly show more."""
     interval = harmonics.interval[:, None]
     at = [harmonics.axes.index(c) for c in columns]
     found, size = harmonics.density[at], np.abs(harmonics.coefficient[:, at]).max(axis=(0, 2))
@@ -212,13 +225,49 @@ def _noise(harmonics: SegmentHarmonics, plan: Plan, columns: Sequence[str], rema
     density = np.where(np.isfinite(stated), stated, found if usable else _NOMINAL * np.maximum(size, 1e-6 * size.max()))
     if usable and np.isfinite(stated).any():
         limit = max(1.5, float(np.sqrt(1.0 + 5.0 * np.sqrt(2.0 / dof))))
-        loud = np.flatnonzero(found > limit * stated).tolist()
+        expected = np.sqrt(stated**2 + _slow_inside(harmonics, plan, columns))
+        loud = np.flatnonzero(found > limit * expected).tolist()
         density[loud] = found[loud]
         remarks += [
-            f"{columns[k]} shows {found[k] / stated[k]:.2g} times the noise stated in the plan: the data's own is used"
+            f"{columns[k]} shows {found[k] / expected[k]:.2g} times the noise stated in the plan: the data's own is used"
             for k in loud
         ]
     return density**2 / interval, usable or bool(np.all(np.isfinite(stated)))
+
+
+def _slow_inside(harmonics: SegmentHarmonics, plan: Plan, columns: Sequence[str]) -> Array:
+    """What slow noise adds to the squared density found in parts of segments, at most, (m,)."""
+    by_sensor = {s: common.slow_inside(harmonics, plan, s) for s in dict.fromkeys(c.partition("_")[0] for c in columns)}
+    return np.array([by_sensor[c.partition("_")[0]]["xyz".index(c[-1])] for c in columns])
+
+
+def _slow(harmonics: SegmentHarmonics, plan: Plan, *, extended: bool) -> Array | None:
+    """What slow noise that the plan states adds to the covariance of the coefficients, (n, axes, c, c), or None.
+
+    The segments' means have it as in all methods (:func:`sagnac.calibrate.common.slow_variance`), and independently of what
+    goes on about them the harmonics their own.
+    """
+    columns = harmonics.axes
+    stated = {s: slow_noise(plan, s) for s in ("accel", "gyro")}
+    if all(stated[c.partition("_")[0]] is None for c in columns):
+        return None
+    mean = {s: common.slow_variance(harmonics, plan, s) for s in stated}
+    size = 1 + (4 if extended else 2) * harmonics.order
+    out = np.zeros((len(harmonics.segments), len(columns), size, size))
+    turning = [
+        harmonics_covariance(rate * T, phase, float(T), harmonics.order, extended=extended) if rate else None
+        for rate, phase, T in zip(harmonics.rate, harmonics.phase, harmonics.duration, strict=True)
+    ]
+    for j, column in enumerate(columns):
+        sensor, k = column.partition("_")[0], "xyz".index(column[-1])
+        noise = stated[sensor]
+        if noise is None:
+            continue
+        out[:, j, 0, 0] = mean[sensor][:, k]
+        for i, both in enumerate(turning):
+            if both is not None:
+                out[i, j] += noise.instability[k] ** 2 * both[0] + noise.walk[k] ** 2 * both[1]
+    return out
 
 
 def _angles(harmonics: SegmentHarmonics, plan: Plan, columns: Sequence[str], remarks: list[str]) -> tuple[Array, Flags]:
@@ -246,7 +295,7 @@ def _angles(harmonics: SegmentHarmonics, plan: Plan, columns: Sequence[str], rem
     return out, mean_only
 
 
-def _refuse_other_rate(harmonics: SegmentHarmonics, plan: Plan, mean_only: Flags) -> None:
+def _refuse_other_rate(harmonics: SegmentHarmonics, plan: Plan, mean_only: Flags, slow: Array | None) -> None:
     """Refuse samples, or an arm column, that turn at another rate than the plan's."""
     for i, s in enumerate(harmonics.segments):
         if harmonics.arm_known[i] and abs(harmonics.rate[i] - s.arm_rate) > _ASTRAY * abs(s.arm_rate) + 1e-3:
@@ -259,7 +308,7 @@ def _refuse_other_rate(harmonics: SegmentHarmonics, plan: Plan, mean_only: Flags
     worst: tuple[float, str] | None = None
     for i in np.flatnonzero(~mean_only & ~harmonics.arm_known).tolist():
         s = harmonics.segments[i]
-        error, sigma = _rate_error(harmonics, i)
+        error, sigma = _rate_error(harmonics, i, None if slow is None else slow[i])
         times = abs(error) / np.hypot(sigma, _ROUNDING * abs(s.arm_rate))
         if s.arm_phase is not None and times > max(_DIFFERENT, worst[0] if worst else 0.0):
             worst = (
@@ -294,7 +343,7 @@ def _refuse_moving(harmonics: SegmentHarmonics) -> None:
             )
 
 
-def _rate_error(harmonics: SegmentHarmonics, i: int) -> tuple[float, float]:
+def _rate_error(harmonics: SegmentHarmonics, i: int, slow: Array | None) -> tuple[float, float]:
     """How much faster than assumed the samples of a segment turn, from the terms with tau, and its standard deviation (rad/s)."""
     c = 1 + 2 * harmonics.order
     plain, _ = without_tau(harmonics.coefficient[i : i + 1], harmonics.unit_covariance[i : i + 1], harmonics.order)
@@ -305,4 +354,7 @@ def _rate_error(harmonics: SegmentHarmonics, i: int) -> tuple[float, float]:
     variance = np.maximum(variance, 1e-24 * np.abs(plain[0]).max() ** 2)
     weighed = np.linalg.solve(harmonics.unit_covariance[i, c:, c:], slope.T).T / variance[:, None]
     information = float(np.sum(weighed * slope))
-    return float(np.sum(weighed * harmonics.coefficient[i, :, c:])) / information, float(1.0 / np.sqrt(information))
+    spread = information
+    if slow is not None:
+        spread += float(np.einsum("mi,mij,mj->", weighed, slow[:, c:, c:], weighed))
+    return float(np.sum(weighed * harmonics.coefficient[i, :, c:])) / information, math.sqrt(spread) / information

@@ -182,6 +182,8 @@ def _fourth(task: Task, whole: dict[int, Array]) -> list[str]:
     for i, left in whole.items():
         for j, sensor in enumerate(task.sensors):
             variance = task.covariance[i, [7, 8], [7, 8]] * task.variance[i, j]
+            if task.slow is not None:
+                variance = variance + task.slow[i, j, [7, 8], [7, 8]]
             amplitude = float(np.hypot(*left[j, 7:9]))
             if amplitude > _FOURTH * np.sqrt(variance.max()) * np.sqrt(2.0):
                 out.append(

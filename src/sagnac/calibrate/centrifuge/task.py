@@ -50,7 +50,7 @@ class Task:
     covariance : ndarray, shape (n, c, c)
         Of the coefficients for samples of variance one.
     variance : ndarray, shape (n, m)
-        Of the samples.
+        Of the samples, white noise.
     noise_known : bool
     order : int
     extended : bool
@@ -75,6 +75,8 @@ class Task:
     bounds : mapping of str to float
         Standard deviations of parameters that are solved for but not reported, around zero.
     prior : Prior, optional
+    slow : ndarray, shape (n, m, c, c), or None
+        What slow noise adds to the covariance of the coefficients.
     free : frozenset of str
         What is unknown besides what the plan says: ``mount``, and in other readings of the plan ``radius``, ``tilt``.
     """
@@ -103,6 +105,7 @@ class Task:
     fixed: Mapping[str, float]
     bounds: Mapping[str, float]
     prior: Prior | None = None
+    slow: Array | None = None
     free: frozenset[str] = frozenset()
 
     @property
@@ -141,7 +144,12 @@ class Task:
         sensors = tuple(self.sensors[j] for j in at)
         prior = None if self.prior is None else self.prior.only([n for s in sensors for n in s.names])
         return replace(
-            self, sensors=sensors, coefficient=self.coefficient[:, at], variance=self.variance[:, at], prior=prior
+            self,
+            sensors=sensors,
+            coefficient=self.coefficient[:, at],
+            variance=self.variance[:, at],
+            slow=None if self.slow is None else self.slow[:, at],
+            prior=prior,
         )
 
     def reversed(self) -> Task:
@@ -154,6 +162,7 @@ class Task:
             self,
             coefficient=self.coefficient * flip,
             covariance=self.covariance * np.outer(flip, flip),
+            slow=None if self.slow is None else self.slow * np.outer(flip, flip),
             phase=-self.phase,
             rate=-self.rate,
             planned_rate=-self.planned_rate,
@@ -166,10 +175,30 @@ class Task:
             return self.coefficient, self.covariance
         return without_tau(self.coefficient, self.covariance, self.order)
 
+    def plain_slow(self) -> Array | None:
+        """What slow noise adds to the covariance of the coefficients of :meth:`plain`, (n, m, c, c), or None."""
+        if self.slow is None or not self.extended:
+            return self.slow
+        c = 1 + 2 * self.order
+        taken = np.zeros((len(self.segments), c, self.slow.shape[-1]))
+        taken[:, :, :c] = np.eye(c)
+        at, crossed = _shares(self.covariance, c)
+        taken[at, :, c:] = -np.swapaxes(crossed, -1, -2)
+        return np.asarray(taken[:, None] @ self.slow @ np.swapaxes(taken, -1, -2)[:, None])
+
+    def _first_variance(self, covariance: Array) -> Array:
+        """Variance of samples, (n, m), that would scatter the first harmonic as white and slow noise do together."""
+        slow = self.plain_slow()
+        if slow is None:
+            return self.variance
+        own = np.where(self.turns, covariance[:, 1, 1] + covariance[:, 2, 2], 1.0)
+        return np.asarray(self.variance + (slow[..., 1, 1] + slow[..., 2, 2]) / own[:, None])
+
     def look(self) -> Seen:
         """What the samples say of the arm, see :class:`Seen`."""
         felt = series(self.arm, self.site, self.planned_rate, self.settings)
         plain, covariance = self.plain()
+        variance = self._first_variance(covariance)
         told = np.zeros(len(self.segments), dtype=complex)
         found, clear = np.zeros((2, len(self.segments)))
         centripetal = self.arm.radius * self.planned_rate**2
@@ -179,7 +208,7 @@ class Task:
             nominal = felt.force[:, "xyz".index(sensor.axis)]
             expected, measured = nominal[:, 1] - 1j * nominal[:, 2], plain[:, j, 1] - 1j * plain[:, j, 2]
             told += measured * np.conj(expected)
-            found += np.abs(expected) ** 2 / self.variance[:, j]
+            found += np.abs(expected) ** 2 / variance[:, j]
             clear = np.maximum(clear, np.abs(expected))
         usable = self.turns & (clear > _CLEAR * centripetal)
         scatter = np.sqrt((covariance[:, 1, 1] + covariance[:, 2, 2]) / 2.0 / np.maximum(found, 1e-300))
@@ -211,8 +240,7 @@ class Task:
                 continue
             extended = self.extended and order > 0
             c = self.coefficient.shape[-1] if order else 1
-            lower = np.linalg.cholesky(self.covariance[index, :c, :c])
-            weight = np.linalg.inv(lower)[:, None] / np.sqrt(self.variance[index])[..., None, None]
+            weight = self._whitening(index, c)
             out.append(
                 Group(
                     index,
@@ -226,6 +254,16 @@ class Task:
                 )
             )
         return tuple(out)
+
+    def _whitening(self, index: NDArray[np.intp], c: int) -> Array:
+        """Inverse triangular roots of the covariance of the first c coefficients of some segments, (n, m, c, c)."""
+        own = self.covariance[index, :c, :c]
+        if self.slow is None:
+            return np.asarray(
+                np.linalg.inv(np.linalg.cholesky(own))[:, None] / np.sqrt(self.variance[index])[..., None, None]
+            )
+        both = own[:, None] * self.variance[index][..., None, None] + self.slow[index, :, :c, :c]
+        return np.linalg.inv(np.linalg.cholesky(both))
 
     def rig_unknowns(self) -> list[Parameter]:
         """Unknowns of the rig, with what the plan says of them."""
@@ -344,11 +382,16 @@ def without_tau(coefficient: Array, covariance: Array, order: int) -> tuple[Arra
     """
     c = 1 + 2 * order
     values, left = coefficient[..., :c].copy(), covariance[:, :c, :c].copy()
-    at = np.isfinite(covariance).all(axis=(1, 2))
-    crossed = np.linalg.solve(covariance[at, c:, c:], covariance[at, c:, :c])
+    at, crossed = _shares(covariance, c)
     left[at] -= covariance[at, :c, c:] @ crossed
     values[at] -= coefficient[at, :, c:] @ crossed
     return values, left
+
+
+def _shares(covariance: Array, c: int) -> tuple[NDArray[np.bool_], Array]:
+    """Segments that turn, and what of the terms with tau (c0) goes into the first c when they are left out, (n', c0, c)."""
+    at = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
+    return at, np.asarray(np.linalg.solve(covariance[at, c:, c:], covariance[at, c:, :c]))
 
 
 def sensor_axes(

@@ -23,6 +23,7 @@ from ...plan import Plan, Segment
 from ...recording import Recording
 from ...rigs.roll_isolated import DELAY, ECCENTRICITY, HALF_ANGLE, MOUNT_PITCH, MOUNT_YAW, PHASE
 from .. import common
+from ..slow import slow_noise
 from .model import RollModel
 from .rows import COAXIAL, EARTH_ALONG, RATE_ERROR, Noise, drift_name, earth_names, spin_name
 from .start import Look, closed_form, look
@@ -89,6 +90,7 @@ def calibrate_recording(recording: Recording, plan: Plan, *, robust: bool = Fals
         steady,
         {s.segment.name: s.repeated for s in seen.of("spin")},
         blocks=max(1, min(BLOCKS, min(s.count for s in seen.seen) // _PART)),
+        slow=slow_noise(plan, "gyro"),
     )
     found: list[str] = []
     if not all(known):
@@ -359,7 +361,7 @@ def _report(
             update={k: (*v, 0.0) for k in ("white", "cluster", "delete_one") if (v := getattr(record, k)) is not None}
         )
     given = plan.gravity is not None or plan.latitude is not None
-    return common.result(
+    found = common.result(
         "roll-isolated",
         named(names, units, value, covariance),
         covariance,
@@ -370,6 +372,9 @@ def _report(
         span=seen.span,
         remarks=remarks,
     )
+    stated = plan.unit.noise.of("gyro")
+    own = stated is None or np.any(model.noise.gyro > 1.01 * np.array(stated))
+    return common.with_found_noise(found, plan, "gyro", model.noise.gyro) if own else found
 
 
 def _plain_cone(names: list[str], value: Array, covariance: Array) -> tuple[Array, Array]:

@@ -19,6 +19,8 @@ from ...observe.rolling import windows
 from ...observe.sums import BLOCKS
 from ...plan import Segment
 from ...recording import Recording
+from ..slow import SlowNoise
+from . import wander
 from .rows import Channel, Noise, Piece, inner_rows
 from .spin import Run, spin_rows
 
@@ -33,9 +35,16 @@ class _Block:
     columns: NDArray[np.intp]
     factor: Array
     count: int = 0
+    rough: Array | None = None
+    """Products of the differences of the derivatives from sample to sample, where they are asked for, and their number."""
+    pairs: int = 0
 
     def add(self, rows: Array) -> None:
         """Take in rows, shape (k + 1, n)."""
+        if self.rough is not None:
+            steps = np.diff(rows[:-1], axis=1)
+            self.rough += steps @ steps.T
+            self.pairs += steps.shape[1]
         self.factor = np.asarray(np.linalg.qr(np.vstack([self.factor, rows.T]), mode="r"))
         self.count += rows.shape[1]
 
@@ -78,6 +87,8 @@ class RollModel:
         How many times over the variance of a reading counts in a segment, because its rounding repeats itself.
     blocks : int
         Parts that each segment is judged by.
+    slow : SlowNoise, optional
+        Of the gyros; the biases are then among the parameters.
     further : callable, optional
         Takes a :class:`Piece`, gives further columns of its channels: names, and rows without residual.
     """
@@ -93,6 +104,7 @@ class RollModel:
     repeated: Mapping[str, float]
     blocks: int = BLOCKS
     further: Callable[[Piece], Mapping[str, Channel]] | None = None
+    slow: SlowNoise | None = None
     _left: dict[str, tuple[float, int]] = field(default_factory=dict)
 
     @property
@@ -121,10 +133,14 @@ class RollModel:
                 for b in np.flatnonzero(np.diff(edges)):
                     block = blocks.setdefault(
                         (piece.segment * self.blocks + int(b), channel),
-                        _Block(columns, np.zeros((0, columns.size + 1))),
+                        self._empty(columns),
                     )
                     block.add(values[[*known, -1], edges[b] : edges[b + 1]])
         return self._gather(blocks)
+
+    def _empty(self, columns: NDArray[np.intp]) -> _Block:
+        size = columns.size
+        return _Block(columns, np.zeros((0, size + 1)), rough=None if self.slow is None else np.zeros((size, size)))
 
     def _widened(self, piece: Piece) -> dict[str, Channel]:
         more = {} if self.further is None else self.further(piece)
@@ -142,17 +158,58 @@ class RollModel:
         residual, jacobian, segment = [], [], []
         rest = np.zeros(len(self.parts))
         self._left.clear()
+        reduced = {key: block.reduced() for key, block in blocks.items()}
+        final = {key: wander.Whitened(rows, seen, 0.0) for key, (rows, seen, _, _) in reduced.items()}
+        if self.slow is not None:
+            final = self._without_slow(self.slow, blocks, final)
         for (part, channel), block in blocks.items():
-            rows, seen, more, further = block.reduced()
+            (rows, seen, lost), (_, _, more, further) = final[part, channel], reduced[part, channel]
             wide = np.zeros((len(rows), len(self.names)))
             wide[:, block.columns] = rows
             residual.append(seen)
             jacobian.append(wide)
             segment.append(np.full(len(rows), part))
             squares, dof = self._left.get(channel, (0.0, 0))
-            rest[part] += more
+            rest[part] += more + lost
             self._left[channel] = (squares + more, dof + further)
         return Rows(np.concatenate(residual), np.vstack(jacobian), np.concatenate(segment), rest)
+
+    def _without_slow(
+        self,
+        slow: SlowNoise,
+        blocks: Mapping[tuple[int, str], _Block],
+        reduced: Mapping[tuple[int, str], wander.Whitened],
+    ) -> dict[tuple[int, str], wander.Whitened]:
+        """Rows whitened for slow noise as well, see :mod:`.wander`."""
+        whole = max(s.stop for s in self.segments) - min(s.start for s in self.segments)
+        step = float(self.noise.gyro[0]) ** 2 * self.interval
+        out: dict[tuple[int, str], wander.Whitened] = {}
+        for i, s in enumerate(self.segments):
+            rounding = self.noise.encoder * self.repeated.get(s.name, 1.0) / step
+            for name in ("x", "y", "z", "encoder"):
+                keys = sorted(k for k in blocks if k[0] // self.blocks == i and k[1] == name)
+                if not keys:
+                    continue
+                letter = "x" if name == "encoder" else name
+                bias = self.names.index(f"gyro.bias.{letter}")
+                channel = wander.Channel(
+                    slow,
+                    "xyz".index(letter),
+                    self.blocks,
+                    s.stop - s.start,
+                    whole,
+                    self.interval,
+                    rounding if name == "encoder" else 0.0,
+                )
+                parts = [self._part(k, blocks[k], reduced[k], bias) for k in keys]
+                out |= dict(zip(keys, wander.whitened(channel, parts), strict=True))
+        return out
+
+    def _part(self, key: tuple[int, str], block: _Block, own: wander.Whitened, bias: int) -> wander.Reduced:
+        assert block.rough is not None  # slow noise asks for it
+        column = own.rows[:, block.columns.tolist().index(bias)]
+        steps = block.rough * (block.count / max(block.pairs, 1))
+        return wander.Reduced(key[0] % self.blocks, own.rows, own.residual, column, steps, block.count)
 
     def pieces(self, values: Mapping[str, float]) -> Iterator[Piece]:
         """Whitened rows window by window."""

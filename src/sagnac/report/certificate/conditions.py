@@ -9,10 +9,10 @@ from ...plan import Plan, Segment
 from .. import pictures
 from ..document import Block, Bullets, Equation, Facts, Grid, Section, Text
 from ..parts import not_drawn, picture
-from ..shown import MINUS, NOT_STATED, convert, or_not_stated, plain_words, quantity
-from ..style import pretty
+from ..shown import MINUS, NOT_STATED, or_not_stated, plain_words, quantity
 from .context import Context
 from .methods import by_hand, method_of, uncertainty_in_words
+from .noise import noise
 
 _KINDS = {"turntable": "turntable", "centrifuge": "centrifuge", "roll-isolated": "roll-isolated measurement"}
 _LABELS = {
@@ -45,7 +45,6 @@ KEYS = {
 _ANGLES = ("outer", "middle", "inner", "x_azimuth", "y_azimuth", "alpha", "beta", "gamma", "arm_phase")
 _RATES = ("outer_rate", "middle_rate", "inner_rate", "arm_rate", "spin_rate")
 _WORDS = ("z", "stage")
-_DENSITIES = {"m/s^2/sqrt(Hz)": "ug/sqrt(Hz)", "rad/s/sqrt(Hz)": "deg/sqrt(h)"}
 _SMALL_ANGLE = 0.5  # deg, below which an angle is told in arcsec
 
 
@@ -196,7 +195,7 @@ def method(context: Context) -> Section:
         blocks += [Text(words, "maths"), Equation(equations)]
     if not known.parts:
         blocks.append(Text("This version of the software has no description of this method.", "missing"))
-    blocks += [Text(" ".join(uncertainty_in_words(calibration))), *_noise(calibration), *_scales(calibration)]
+    blocks += [Text(" ".join(uncertainty_in_words(calibration))), *noise(context), *_scales(calibration)]
     if any(".misalignment." in p.name for p in calibration.parameters):
         blocks.append(Text(_MISALIGNMENT[calibration.misalignment], "maths"))
     if known.sources:
@@ -208,17 +207,6 @@ _MISALIGNMENT = {
     "element": "misalignment.ij is the element S_ij of the matrix S (with raw counts S_ij/S_ii): what output i shows of input j.",
     "input-axis": "misalignment.ij is S_ij/S_ii: what the input axis of sensor i has along axis j.",
 }
-
-
-def _noise(calibration: Calibration) -> list[Block]:
-    if not calibration.noise:
-        return []
-    rows = []
-    for sensor, level in calibration.noise.items():
-        unit = _DENSITIES.get(level.unit, level.unit)
-        x, y, z = (f"{convert(v, level.unit, unit):#.4g}" for v in level.density)
-        rows.append((sensor, x, y, z, pretty(unit).replace("sqrt(h)", "√h"), f"the {level.origin}"))
-    return [Grid(("sensor", "x", "y", "z", "unit", "from"), tuple(rows), "lrrrll", "Density of the white noise")]
 
 
 def _scales(calibration: Calibration) -> list[Block]:
