@@ -1,6 +1,6 @@
 """Is the drift of a log explained by its temperature? Regression of its slow part on temperature and time, against slow noise.
 
-The means y of some ninety stretches are modelled as ::
+The means y of some ninety stretches are modelled, axis by axis, as ::
 
     y = a + b t + c T + e,    cov(e) proportional to I + f F + w W,
 
@@ -8,22 +8,40 @@ with F the covariance of flicker noise (processes of equal variance with correla
 of a random walk. Slow noise drifts with anything that drifts, so that an ordinary regression finds temperature effects where
 there are none (Granger and Newbold 1974, Journal of Econometrics 2, 111). Here the weights f and w are not fixed: the restricted
 likelihood (Patterson and Thompson 1971, Biometrika 58, 545) averages the coefficient over all of them.
+
+One axis tells little of its weights. Those of a triad are of one make, and their weights much alike: each axis has weights of its
+own that lie about common ones, as a prior says, and what all of them tell of the common ones is taken together (a hierarchical
+model: Gelman et al., Bayesian Data Analysis, 3rd ed., chapter 5). Whether temperature acts is then asked of the triad: what
+chance makes of its coefficients together at given common weights, averaged over these. A normal distribution of the averaged
+coefficients would not do: where the weights are uncertain it has tails far too thin.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..frames import Array
+from .axis import shown_in
 from .blocks import Blocks
+from .disturbances import Disturbance
+from .gather import Correction
 
 _STRETCHES = 96
 _FEWEST = 24
 _LEAST = 0.05  # K
 _WEIGHTS = (0.0, *(10.0**e for e in np.arange(-3.0, 2.6, 0.5)))
+_ALIKE = (
+    1.0  # steps of the weights, of half a decade: how far those of one axis lie from those common to its triad, and
+)
+_UNLIKE = 0.03  # share of axes whose weights may be any
+_BY_CHANCE = 1e-4  # probability of effects on a triad that are none
+_EXPLAINED = 0.2  # share of the drift of one axis at least, from which the effects on its triad are told
+_CLEAR = 1e-3  # probability of the effect on an axis by chance, below which it is taken off
 _COLLINEAR = 0.995  # correlation of temperature and time, from which they cannot be told apart
 
 
@@ -44,6 +62,8 @@ class Effect:
         over an eighth of the log, without and with it. Negative where taking it out makes the means wander more.
     p_value : float
         Of an effect as large as this by chance.
+    of_triad : float
+        The same of effects on all axes of its triad as large as theirs.
     """
 
     coefficient: float
@@ -52,6 +72,16 @@ class Effect:
     with_time: float
     explained: float
     p_value: float
+    of_triad: float
+
+    @property
+    def helps(self) -> bool:
+        """Whether an axis that temperature acts on is better off without what was found.
+
+        What is taken off brings its own error in; on average that is less than what goes where the coefficient is above sqrt(2)
+        times its standard uncertainty (Mallows 1973, Technometrics 15, 661). More is asked for, so that it hardly ever does harm.
+        """
+        return self.explained > 0 and self.p_value < _CLEAR
 
     @property
     def told_apart(self) -> bool:
@@ -59,31 +89,99 @@ class Effect:
         return abs(self.with_time) < _COLLINEAR
 
 
-def effects(blocks: Blocks) -> list[Effect] | None:
-    """Effect of temperature on each axis; None where it was not recorded, did not change, or the log is too short.
+def taken_off(
+    blocks: Blocks, axes: Sequence[str], judging: Sequence[int], readings: Sequence[str]
+) -> tuple[Correction | None, dict[int, Disturbance]]:
+    """What goes with the temperature and is taken off, and words on it by number of the axis.
+
+    Temperature is asked for sensor by sensor. Where it acts on one, each of its axes is told with its coefficient, and the effect
+    is taken off those where that helps.
 
     Parameters
     ----------
     blocks : Blocks
+    axes : sequence of str
+    judging : sequence of int
+        Numbers of the axes to look at.
+    readings : sequence of str
+        Unit of the samples of each axis.
+    """
+    sensors: dict[str, list[int]] = {}
+    for k in judging:
+        sensors.setdefault(axes[k].partition("_")[0], []).append(k)
+    known = effects(blocks, list(sensors.values()))
+    if known is None or blocks.temperature is None:
+        return None, {}
+    told: dict[int, Disturbance] = {}
+    coefficient = np.zeros(len(axes))
+    for triad in sensors.values():
+        clear = [k for k in triad if known[k].helps]
+        if known[triad[0]].of_triad > _BY_CHANCE or not any(known[k].explained >= _EXPLAINED for k in clear):
+            continue
+        coefficient[clear] = [known[k].coefficient for k in clear]
+        told |= {k: _told(axes[k], known[k], readings[k], [axes[c] for c in clear]) for k in triad}
+    if not told:
+        return None, {}
+    good = np.isfinite(blocks.temperature)
+    warmth = blocks.temperature[good]
+    return Correction(blocks.mid[good], warmth - warmth.mean(), coefficient), told
+
+
+def _told(axis: str, effect: Effect, reading: str, clear: Sequence[str]) -> Disturbance:
+    """Words on the effect on one axis; it is taken off the axes in `clear`."""
+    unit, size = shown_in(axis, reading)
+    value = f"{effect.coefficient * size:.3g} ± {effect.standard_uncertainty * size:.2g} {unit}/K"
+    if axis in clear:
+        text = (
+            f"{axis} follows the temperature by {value}, which makes {effect.explained:.0%} of its drift (the temperature "
+            f"changed by {effect.change:.2g} K): taken off before the terms were found"
+        )
+    else:
+        text = f"{axis} follows the temperature by {value}: not clear enough to be taken off, as it was off {', '.join(clear)}"
+    text += (
+        "" if effect.told_apart else "; the temperature changed so steadily that it may be a drift with time as well"
+    )
+    significance = abs(effect.coefficient) / effect.standard_uncertainty if effect.standard_uncertainty > 0 else None
+    return Disturbance("temperature", axis, text, size=effect.coefficient, significance=significance)
+
+
+class _Fits(NamedTuple):
+    """Restricted log likelihood, coefficient and its variance for each pair of weights, shape (weights, axes) each."""
+
+    log: Array
+    value: Array
+    variance: Array
+
+
+def effects(blocks: Blocks, triads: Sequence[Sequence[int]]) -> dict[int, Effect] | None:
+    """Effect of temperature on axes; None where it was not recorded, did not change, or the log is too short.
+
+    Parameters
+    ----------
+    blocks : Blocks
+    triads : sequence of sequence of int
+        Numbers of the axes to look at, those of one sensor together.
     """
     found = _stretches(blocks)
     if found is None:
         return None
     time, warmth, mean = found
-    if np.ptp(warmth) < _LEAST:
+    change = float(np.ptp(warmth))
+    if change < _LEAST:
         return None
     t = (time - time.mean()) / np.ptp(time)
-    T = (warmth - warmth.mean()) / np.ptp(warmth)
+    T = (warmth - warmth.mean()) / change
     size = mean.std(axis=0)
     y = (mean - mean.mean(axis=0)) / np.where(size > 0, size, 1.0)
-    coefficient, spread = _regressed(y, np.column_stack([np.ones_like(t), t, T]))
-    together = float(np.corrcoef(t, T)[0, 1])
-    to_unit = size / np.ptp(warmth)
-    out = []
-    for k in range(y.shape[1]):
-        c, s = float(coefficient[k] * to_unit[k]), float(spread[k] * to_unit[k])
-        share = _explained(mean[:, k], c * warmth)
-        out.append(Effect(c, s, float(np.ptp(warmth)), together, share, _p_value(c, s, t.size - 3)))
+    fits = _regressed(y, np.column_stack([np.ones_like(t), t, T]))
+    with_time = float(np.corrcoef(t, T)[0, 1])
+    out = {}
+    for triad in map(list, triads):
+        value, sigma, p_value, of_triad = _judged(fits, triad, t.size - 3)
+        unit = size[triad] / change
+        for k, c, s, p in zip(triad, value * unit, sigma * unit, p_value, strict=True):
+            share = _explained(mean[:, k], c * warmth)
+            out[k] = Effect(float(c), float(s), change, with_time, share, float(p), of_triad)
     return out
 
 
@@ -113,8 +211,8 @@ def _covariances(n: int) -> tuple[Array, Array]:
     return flicker, walk
 
 
-def _regressed(y: Array, X: Array) -> tuple[Array, Array]:
-    """Last coefficient and its standard deviation, averaged over the weights of the slow noise; y (n, axes), X (n, p)."""
+def _regressed(y: Array, X: Array) -> _Fits:
+    """Last coefficient of a regression for all weights of the slow noise; y (n, axes), X (n, p)."""
     n, p = X.shape
     flicker, walk = _covariances(n)
     logs, values, variances = [], [], []
@@ -129,11 +227,42 @@ def _regressed(y: Array, X: Array) -> tuple[Array, Array]:
             logs.append(-np.log(np.diag(L)).sum() - np.log(np.abs(np.diag(r))).sum() - 0.5 * (n - p) * np.log(rest))
             values.append(along[-1] / r[-1, -1])
             variances.append(rest / (n - p) / r[-1, -1] ** 2)
-    log, value, variance = np.array(logs), np.array(values), np.array(variances)
-    weight = np.exp(log - log.max(axis=0))
-    weight /= weight.sum(axis=0)
-    mean = (weight * value).sum(axis=0)
-    return mean, np.sqrt((weight * (variance + (value - mean) ** 2)).sum(axis=0))
+    return _Fits(np.array(logs), np.array(values), np.array(variances))
+
+
+def _about_common() -> Array:
+    """Probability of the weights of an axis (columns) for each pair of common ones (rows)."""
+    place = np.arange(len(_WEIGHTS), dtype=float)
+    near = np.exp(-0.5 * (np.subtract.outer(place, place) / _ALIKE) ** 2)
+    near /= near.sum(axis=1, keepdims=True)
+    both = np.kron(near, near)
+    return np.asarray((1.0 - _UNLIKE) * both + _UNLIKE / both.shape[1])
+
+
+def _judged(fits: _Fits, triad: list[int], freedom: int) -> tuple[Array, Array, Array, float]:
+    """Coefficients of the axes of a triad, standard deviations and probabilities (axes,), and the probability of them all."""
+    from scipy.special import chdtrc, chdtri, stdtr
+
+    value, variance = fits.value[:, triad], fits.variance[:, triad]
+    likelihood = np.exp(fits.log[:, triad] - fits.log[:, triad].max(axis=0))
+    prior = _about_common()
+    told = prior @ likelihood  # of the common weights, by each axis
+    log = np.log(told).sum(axis=1)
+    common = np.exp(log - log.max())
+    common /= common.sum()
+    chance = 2.0 * stdtr(freedom, -np.abs(value) / np.sqrt(np.maximum(variance, 1e-300)))
+    # at given common weights the axes are independent: normal deviates as likely as each of them, their squares added
+    squares = chdtri(1, np.clip((prior @ (likelihood * chance)) / told, 1e-300, 1.0)).sum(axis=1)
+    together = float(common @ chdtrc(len(triad), squares))
+    # over all weights of each axis
+    own = likelihood * (prior.T @ (common[:, None] / told))
+    p_value = (own * chance).sum(axis=0)
+    # an effect on all axes shows in the sum, one on a single axis in the least of them: two chances, as Bonferroni counts them
+    least = len(triad) * float(p_value.min())
+    of_triad = together if len(triad) == 1 else min(1.0, 2.0 * min(together, least))
+    best = (own * value).sum(axis=0)
+    sigma = np.sqrt((own * (variance + (value - best) ** 2)).sum(axis=0))
+    return best, sigma, p_value, of_triad
 
 
 def _explained(mean: Array, effect: Array) -> float:
@@ -147,9 +276,3 @@ def _explained(mean: Array, effect: Array) -> float:
 
     whole = wandering(mean)
     return 1.0 - wandering(mean - effect) / whole if whole > 0 else 0.0
-
-
-def _p_value(value: float, sigma: float, freedom: int) -> float:
-    from scipy.special import stdtr
-
-    return float(2.0 * stdtr(freedom, -abs(value) / sigma)) if sigma > 0 else 0.0
