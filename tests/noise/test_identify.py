@@ -11,7 +11,6 @@ from sagnac.errors import DataError, InputError
 from sagnac.noise import bound
 from sagnac.noise.allan import Variances, octaves, pooled, variances
 from sagnac.noise.identify import deviations, identify
-from sagnac.noise.intervals import _crossing
 from sagnac.noise.terms import FLOOR, TERMS, level, variance
 from sagnac.simulate.noise import AxisNoise, NoiseModel
 
@@ -213,11 +212,6 @@ def test_a_pure_ramp_and_a_pure_walk_are_found():
 def test_a_straight_line_shows_no_noise():
     with pytest.raises(DataError, match="on a straight line: there is no noise to see"):
         identify(variances(1e-9 * np.arange(4096.0), 0.01))
-
-
-def test_a_level_that_a_record_tells_nothing_about_has_no_upper_limit():
-    assert _crossing(lambda x: 0.5 * math.tanh(x), 5.0, 3.84, 100.0) == math.inf
-    assert _crossing(lambda x: x**2, 1e6, 4.0, 100.0) == pytest.approx(2.0, rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["sine", "steps", "outliers", "square"])

@@ -5,8 +5,8 @@ import pytest
 
 from sagnac.errors import InputError
 from sagnac.noise.allan import Variances, pooled, variances
-from sagnac.noise.lag_sums import graded, rule
 from sagnac.noise.model_covariance import covariance_table, design, layout, whole
+from sagnac.noise.panels import graded, rule
 from sagnac.noise.terms import DIVISOR, LINEAR, ORDER, lag_covariance
 
 KEYS = (*LINEAR, "markov")

@@ -153,7 +153,7 @@ def test_what_cannot_be_is_named():
     running.add(np.ones((100, 2)))
     with pytest.raises(DataError, match="100 samples are too few for a spectrum: it takes 256 in a row"):
         running.result()
-    with pytest.raises(InputError, match=r"shape \(n, 2\), and these have \(5, 3\)"):
+    with pytest.raises(InputError, match="Samples of 3 axes, and there were to be 2"):
         running.add(np.ones((5, 3)))
     with pytest.raises(DataError, match="Sample 102 of axis 1 is inf"):
         running.add([[0.0, 0.0], [np.inf, 0.0]])

@@ -103,7 +103,12 @@ def test_other_deviations(found, kind):
     # NIST SP 1065 section 5: of white noise the modified deviation is lower from two samples on, Hadamard's the same
     ratio = other["gyro_x"].curve.deviation[2] / found["gyro_x"].curve.deviation[2]
     assert ratio < 0.95 if kind == "modified" else ratio == pytest.approx(1.0, abs=0.02)
-    assert bool(other["gyro_x"].curve.fitted) == (kind == "hadamard")
+    for axis in other.axes:  # the line goes through the marks
+        curve = axis.curve
+        inside = [low < f < high for low, f, high in zip(curve.lower, curve.fitted, curve.upper, strict=True)]
+        assert len(inside) == len(curve.tau)
+        assert np.mean(inside) > 0.85
+    assert ("from the Allan deviation" in other.summary()) == (kind == "modified")
 
 
 def test_axes_of_a_sensor_that_lacks_others_and_raw_counts():
@@ -125,7 +130,8 @@ def test_stretches_between_gaps_are_pooled():
     found = study(cut)
     assert found.stretches == (20_000, 18_000, 18_997)
     gap = next(d for d in found.disturbances if d.kind == "gap")
-    assert "2 gaps" in gap.text
+    assert "3 samples lost in 1 place (0.01%, 3 in a row at most): bridged" in gap.text
+    assert "1 gap, 30 s in all" in gap.text
     assert not gap.spoils
     assert found["gyro_x"]["white"].value == pytest.approx(GYRO.density, rel=0.02)
     assert found.interval == pytest.approx(DT, rel=1e-9)
@@ -230,12 +236,14 @@ def test_an_effect_of_temperature_is_taken_off_and_told():
         single = {"gyro_x": gyro[:, 0], "gyro_y": gyro[:, 1]}
         found = study(from_arrays(time, single=single, rig={"temperature": warmth}), memory=memory)
         told = [d for d in found.disturbances if d.kind == "temperature"]
-        assert [d.axis for d in told] == ["gyro_x"]
+        assert [d.axis for d in told] == ["gyro_x", "gyro_y"]
+        assert "not clear enough to be taken off" in told[1].text
         assert told[0].size == pytest.approx(60 * DEG_H, rel=0.15)
         assert "deg/h/K" in told[0].text
         assert found.environment.temperature is not None
         assert found["gyro_x"].value("walk") < 4 * GYRO.walk
     assert "with it there would be" in told[0].text
+    assert "with it there would be" not in told[1].text
 
 
 def test_what_is_unknown_is_refused():

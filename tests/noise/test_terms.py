@@ -158,3 +158,25 @@ def test_unknown_terms_are_named():
         terms.second_difference("pink", np.ones(1), np.ones(1))
     with pytest.raises(InputError, match="'ramp' has no spectrum"):
         sample_spectrum("ramp", np.ones(1))
+
+
+@pytest.mark.parametrize("key", ["quantisation", "white", "instability", "walk", "markov"])
+def test_modified_variance_is_the_spectrum_through_its_filter(key):
+    # IEEE Std 1139 annex: transfer 2 sin^6(pi f tau) / (m^4 sin^2(pi f tau0)) of the phase, over sin^2 once more for the rate
+    decay = 0.05 if key == "markov" else 0.0
+    factors = np.array([1.0, 2.0, 3.0, 9.0, 40.0])
+    omega = (np.arange(200_000) + 0.5) * np.pi / 200_000
+    spectrum = sample_spectrum(key, omega, decay)
+    half = np.sin(0.5 * omega)
+    expected = [np.mean(spectrum * 2.0 * np.sin(0.5 * m * omega) ** 6 / (m**4 * half**4)) for m in factors]
+    assert variance(key, factors, "modified", decay) == pytest.approx(expected, rel=1e-5)
+
+
+def test_modified_variance_at_long_averaging_times():
+    # NIST SP 1065, section 5.5 and table 5: ratios to the Allan variance of white, flicker and random walk frequency noise
+    m = np.array([1.0, 5000.0])
+    for key, ratio in (("white", 0.5), ("instability", 0.6746), ("walk", 0.825), ("ramp", 1.0)):
+        own = variance(key, m, "modified") / variance(key, m)
+        assert own == pytest.approx([1.0, ratio], rel=1e-4)
+    between = variance("white", np.array([2.0, 2.5, 3.0]), "modified")
+    assert between[0] > between[1] > between[2]

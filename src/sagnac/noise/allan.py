@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import DataError, InputError
 from ..frames import Array
+from .checks import check_finite, check_interval, table
 
 KINDS = ("allan", "modified", "hadamard")
 """Kinds of variances."""
@@ -29,11 +30,13 @@ KINDS = ("allan", "modified", "hadamard")
 SPAN = {"allan": 2, "modified": 3, "hadamard": 3}
 """Averaging times that one difference of each kind spans."""
 
+SUMMED = {"allan": 1, "modified": 2, "hadamard": 1}
+"""How often samples are summed up before differences of the sums are taken."""
+
 OVERLAP = 8
 """Differences of the streaming pass begin at least this often in an averaging time, if it has as many samples."""
 
 _NAMES = {"allan": "Allan", "modified": "modified Allan", "hadamard": "Hadamard"}
-_ORDER = {"allan": 1, "modified": 2, "hadamard": 1}  # sums of samples, or sums of sums
 _BLOCK = 4096  # points: 32 KiB, and those of a hundred averaging times stay in the second cache
 _TASK = 16  # blocks that a thread takes at a time
 _LEVELS = 60
@@ -64,6 +67,8 @@ class Variances:
         ``exact``, every difference there is, or ``pyramid``, those at every eighth of the averaging time or closer.
     stretches : tuple of (int, ndarray of int)
         Where several were pooled: samples of each stretch, and differences that it gave, shape (k,).
+    often : tuple of int
+        Stretches of nearly equal lengths that each of these stands for, their differences together; one each where it is empty.
     """
 
     kind: str
@@ -74,6 +79,7 @@ class Variances:
     count: Ints
     method: str
     stretches: tuple[tuple[int, Ints], ...] = ()
+    often: tuple[int, ...] = ()
 
     @property
     def tau(self) -> Array:
@@ -127,6 +133,33 @@ def longest_factor(samples: int, kind: str = "allan") -> int:
     return samples // (2 * SPAN[kind])
 
 
+def pyramid_factors(samples: int, kind: str = "allan", *, per_octave: int = 1) -> Ints:
+    """Averaging factors of a :class:`Pyramid` after so many samples.
+
+    Parameters
+    ----------
+    samples : int
+    kind : str
+        One of :data:`KINDS`.
+    per_octave : int
+
+    Returns
+    -------
+    ndarray of int, shape (k,)
+        Those of :func:`octaves` that are less than 16, and the upper half of these doubled over and over.
+    """
+    longest, own = longest_factor(samples, kind), _lowest(per_octave)
+    while own[-1] <= longest:
+        own = np.unique(np.concatenate([own, 2 * own[own >= OVERLAP]]))
+    return own[own <= longest]
+
+
+def _lowest(per_octave: int) -> Ints:
+    """Averaging factors of the lowest level of a pyramid."""
+    own = np.unique(np.round(2.0 ** (np.arange(4 * per_octave) / per_octave)).astype(np.int64))
+    return own[own < 2 * OVERLAP]
+
+
 def largest_step(factor: int) -> int:
     """Samples from one difference of a :class:`Pyramid` to the next, at an averaging factor of its own."""
     return 1 << max(factor.bit_length() - OVERLAP.bit_length(), 0)
@@ -159,11 +192,11 @@ def variances(
         Samples that are too few, no numbers, or all the same.
     """
     _check_kind(kind)
-    _check_interval(interval)
-    y = _table(values)
+    check_interval(interval)
+    y = table(values, least=1)
     n, axes = y.shape
     m = octaves(n, kind) if factors is None else _checked(factors, n, kind)
-    order = _ORDER[kind]
+    order = SUMMED[kind]
     with ThreadPoolExecutor(_workers(y.size)) as pool:
         reference, reach = _survey(y, pool)
         local, starts = _sums(y, reference, reach, order, pool)
@@ -180,7 +213,7 @@ def variances(
 
         list(pool.map(square, [(a, *part) for a in range(axes) for part in _parts(starts.shape[2])]))
     count = _terms(kind, n, m)
-    variance = out.sum(axis=1).T / (count * _divisor(kind, m))[:, None]
+    variance = out.sum(axis=1).T / (count * divisor(kind, m))[:, None]
     return Variances(kind, float(interval), n, m, variance, count, "exact")
 
 
@@ -212,6 +245,7 @@ def pooled(parts: Sequence[Variances]) -> Variances:
     factors = np.unique(np.concatenate([p.factors for p in parts]))
     total, count = np.zeros((factors.size, first.variance.shape[1])), np.zeros(factors.size, dtype=np.int64)
     stretches: list[tuple[int, Ints]] = []
+    often: list[int] = []
     for p in parts:
         at = np.searchsorted(factors, p.factors)
         total[at] += p.count[:, None] * p.variance
@@ -220,9 +254,12 @@ def pooled(parts: Sequence[Variances]) -> Variances:
             given = np.zeros(factors.size, dtype=np.int64)
             given[at] = own
             stretches.append((samples, given))
+        often += p.often or (1,) * max(len(p.stretches), 1)
     samples = sum(p.samples for p in parts)
     variance = total / count[:, None]
-    return Variances(first.kind, first.interval, samples, factors, variance, count, first.method, tuple(stretches))
+    return Variances(
+        first.kind, first.interval, samples, factors, variance, count, first.method, tuple(stretches), tuple(often)
+    )
 
 
 class Pyramid:
@@ -253,13 +290,11 @@ class Pyramid:
 
     def __init__(self, interval: float, axes: int, kind: str = "allan", *, per_octave: int = 1) -> None:
         _check_kind(kind)
-        _check_interval(interval)
+        check_interval(interval)
         if axes < 1 or per_octave < 1:
             raise InputError(f"{axes} axes and {per_octave} averaging times per octave: each has to be 1 or more.")
         self.interval, self.kind = float(interval), kind
-        steps = np.arange(4 * per_octave)
-        self._factors = np.unique(np.round(2.0 ** (steps / per_octave)).astype(np.int64))
-        self._factors = self._factors[self._factors < 2 * OVERLAP]
+        self._factors = _lowest(per_octave)
         self._doubled = int(np.searchsorted(self._factors, OVERLAP))
         room = SPAN[kind] * int(self._factors[-1])
         self._tails = np.zeros((axes, _LEVELS, room))
@@ -289,11 +324,8 @@ class Pyramid:
         InputError
             Another number of axes.
         """
-        y = _table(values, least=0)
-        if y.shape[1] != len(self._reference):
-            raise InputError(f"Samples of {y.shape[1]} axes, and there were to be {len(self._reference)}.")
-        if not np.isfinite(y.sum()):
-            _check_finite(y, self._samples)
+        y = table(values, axes=len(self._reference))
+        check_finite(y, self._samples)
         if self._samples == 0 and len(y):
             self._reference = y[0].astype(float)
         for start in range(0, len(y), _BLOCK):
@@ -332,10 +364,10 @@ class Pyramid:
             for i in range(self._doubled if level else 0, self._factors.size):
                 k = int(self._factors[i])
                 if k << level <= longest:
-                    terms = length + _ORDER[self.kind] - span * k
-                    scale = float(_divisor(self.kind, np.array([k]))[0]) * terms
+                    terms = length + SUMMED[self.kind] - span * k
+                    scale = float(divisor(self.kind, np.array([k]))[0]) * terms
                     rows.append((k << level, terms, sums[:, level, i] / scale))
-            length = length // 2 if _ORDER[self.kind] == 1 else (length - 1) // 2
+            length = length // 2 if SUMMED[self.kind] == 1 else (length - 1) // 2
         rows.sort(key=lambda row: row[0])
         variance = np.array([row[2] for row in rows])
         factors, count = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
@@ -348,7 +380,7 @@ class Pyramid:
 
         def one(a: int) -> None:
             stream(
-                values, a, self._reference[a], SPAN[self.kind], _ORDER[self.kind], _BLOCK, self._factors, self._doubled,
+                values, a, self._reference[a], SPAN[self.kind], SUMMED[self.kind], _BLOCK, self._factors, self._doubled,
                 tails[a], kept[a], unread[a], sums[a],
             )  # fmt: skip
 
@@ -366,34 +398,6 @@ def _check_kind(kind: str) -> None:
         raise InputError(f"There is no variance of kind {kind!r}. Kinds: {', '.join(KINDS)}.")
 
 
-def _check_interval(interval: float) -> None:
-    if not (np.isfinite(interval) and interval > 0):
-        raise InputError(f"The interval of the samples is {interval} s: it has to be a positive number of seconds.")
-
-
-def _table(values: ArrayLike, least: int = 1) -> Array:
-    """Samples as rows of axes, not copied if they are floating-point numbers."""
-    y = np.asarray(values)
-    if y.dtype not in (np.float32, np.float64):
-        y = y.astype(float)
-    y = y[:, None] if y.ndim == 1 else y
-    if y.ndim != 2 or y.shape[1] < 1 or len(y) < least:
-        raise InputError(f"Samples have the shape (n,) or (n, axes), and these have {np.shape(values)}.")
-    return y
-
-
-def _check_finite(y: Array, before: int = 0) -> None:
-    """Name the first value that is no number."""
-    for start in range(0, len(y), _SERIAL):
-        bad = np.argwhere(~np.isfinite(y[start : start + _SERIAL]))
-        if bad.size:
-            row, axis = bad[0]
-            raise DataError(
-                f"Sample {before + start + row + 1} of axis {axis + 1} is {y[start + row, axis]}. Part the record there: the "
-                "variances of its stretches are pooled."
-            )
-
-
 def _check_alive(moves: NDArray[np.bool_]) -> None:
     """Name the first axis that does not move."""
     if not moves.all():
@@ -409,7 +413,7 @@ def _checked(factors: Sequence[int] | Ints, samples: int, kind: str) -> Ints:
     if not given.size or not np.isfinite(given).all() or (given != np.round(given)).any() or given.min() < 1:
         raise InputError("Averaging factors are whole numbers of samples, 1 or more, and one at least.")
     m = np.unique(given.astype(np.int64))
-    longest = (samples + _ORDER[kind] - 1) // SPAN[kind]
+    longest = (samples + SUMMED[kind] - 1) // SPAN[kind]
     if m[-1] > longest:
         raise InputError(
             f"An averaging time of {m[-1]} samples does not go into a record of {samples}: the {_NAMES[kind]} variance spans "
@@ -420,11 +424,18 @@ def _checked(factors: Sequence[int] | Ints, samples: int, kind: str) -> Ints:
 
 def _terms(kind: str, samples: int, factors: Ints) -> Ints:
     """Differences that a record holds."""
-    return np.asarray(samples + _ORDER[kind] - SPAN[kind] * factors, dtype=np.int64)
+    return np.asarray(samples + SUMMED[kind] - SPAN[kind] * factors, dtype=np.int64)
 
 
-def _divisor(kind: str, factors: Ints) -> Array:
-    """What the mean square of the differences is divided by."""
+def divisor(kind: str, factors: Ints) -> Array:
+    """What the mean square of the differences is divided by.
+
+    Parameters
+    ----------
+    kind : str
+        One of :data:`KINDS`.
+    factors : ndarray of int, shape (k,)
+    """
     m = factors.astype(float)
     return 2.0 * m**4 if kind == "modified" else (2.0 if kind == "allan" else 6.0) * m**2
 
@@ -447,7 +458,7 @@ def _survey(y: Array, pool: ThreadPoolExecutor) -> tuple[Array, Array]:
     list(pool.map(lambda i: survey(y, first, _BLOCK, parts[i][0], parts[i][1], found[i]), range(len(parts))))
     mean, reach = found[:, 0].sum(axis=0) / len(y), found[:, 1].max(axis=0)
     if not np.isfinite(mean).all():
-        _check_finite(y)
+        check_finite(y)
     _check_alive(reach > 0)
     return first + mean, reach + np.abs(mean)
 

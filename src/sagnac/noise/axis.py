@@ -19,7 +19,7 @@ from .allan import Variances
 from .confidence import intervals
 from .disturbances import Disturbance
 from .gather import Correction, Gathered, variances_of
-from .identify import Identified, identify
+from .identify import Identified, deviations, identify
 from .lines import Line, lines_in
 from .page import density_of, units_of
 from .record import Axis, Curve, Limit, Spectrum, TermFit, TermValue, finite
@@ -65,6 +65,13 @@ class Judged:
     def shortest(self) -> float:
         """Shortest averaging time that the terms explain, s."""
         return float(self.found.tau[0])
+
+    @property
+    def expected(self) -> Array:
+        """Deviation of all terms together, of the kind and at the averaging times that are shown."""
+        terms = {c.key: c.value for c in self.found.coefficients}
+        parts = deviations(terms, self.shown.tau, self.found.interval, self.shown.kind)
+        return np.asarray(np.sqrt(sum((d**2 for d in parts.values()), np.zeros(self.shown.tau.size))))
 
 
 def shown_in(axis: str, reading: str) -> tuple[str, float]:
@@ -183,10 +190,10 @@ def beyond(axis: str, judged: Judged, spectrum: Density | None, reading: str) ->
     lines = [] if spectrum is None else _lines(spectrum, judged)
     out = [line.told(axis, unit, size) for line in lines]
     fit, shown = judged.found, judged.shown
-    if not fit.p_value < _POOR or any(d.spoils for d in out) or shown.kind == "modified":
+    if not fit.p_value < _POOR or any(d.spoils for d in out):
         return out
     lower, upper = (b[:, 0] for b in intervals(shown))
-    expected = fit.model(shown.tau)
+    expected = judged.expected
     outside = ((expected < lower) | (expected > upper)) & (shown.tau >= judged.shortest * (1.0 - 1e-9))
     off = np.where(outside, shown.deviation[:, 0] / expected - 1.0, 0.0)
     worst = int(np.argmax(np.abs(off)))
@@ -214,7 +221,6 @@ def record_of(axis: str, mean: float, judged: Judged, reading: str, spectrum: De
     """
     fit, shown = judged.found, judged.shown
     lower, upper = intervals(shown)
-    fitted = fit.model(shown.tau) if shown.kind != "modified" else np.zeros(0)
     return Axis(
         name=axis,
         unit=reading,
@@ -252,7 +258,7 @@ def record_of(axis: str, mean: float, judged: Judged, reading: str, spectrum: De
             deviation=finite(shown.deviation[:, 0]),
             lower=finite(lower[:, 0]),
             upper=finite(upper[:, 0]),
-            fitted=finite(fitted),
+            fitted=finite(judged.expected),
         ),
         spectrum=None
         if spectrum is None

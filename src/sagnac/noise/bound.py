@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from ..frames import Array
-from .lag_sums import graded
+from .panels import graded
 from .terms import lag_covariance, sample_spectrum
 
 _SINGLE = 4096  # frequencies summed one by one, from the lowest

@@ -23,6 +23,8 @@ _FEW = 16  # samples of which none is left out of a mean
 _NEAR = 4  # samples, within which the longer of two steps is the loss
 _LONG = 1.25  # intervals, from which a step is looked at
 _LATE = 0.5  # intervals that samples are later for good, from which some are lost
+_FEW_LOST = 100.0  # samples, up to which a loss is rounded to them
+_OTHER = 0.998  # of the interval by means, below which the usual step is tried too
 _ROUNDS = 3  # to the interval, each from the gaps that the last one showed
 _MAYBE = 0.4  # the same by means, which tell at once where to look
 
@@ -39,12 +41,15 @@ class Clock:
     ----------
     gaps : list of (float, float)
         Time of the last sample before each, and its length, s.
+    missing : list of int
+        Samples that are lost in each.
     lost : float, s
         How much later the samples are at last than they would be without the gaps.
     """
 
     def __init__(self, interval: float) -> None:
         self.gaps: list[tuple[float, float]] = []
+        self.missing: list[int] = []
         self._interval = interval
         self._behind = np.zeros(0)  # stamps before those that are not decided, as they would be without the gaps
         self._waiting = np.zeros(0)
@@ -81,8 +86,11 @@ class Clock:
                 at = i - behind
                 before = open_[at - 1] if at else self._behind[-1] + self.lost
                 self.gaps.append((float(before), float(open_[at] - before)))
+                # few are whole numbers of samples: what is off is jitter, or the interval, and would add up
+                late = float(round(late)) if late < _FEW_LOST else late
                 whole[i:] -= late * self._interval
                 self.lost += late * self._interval
+                self.missing.append(round(late))
                 breaks.append(at)
         self._behind = whole[: behind + decided][-AHEAD:].copy()
         self._waiting = open_[decided:].copy()
@@ -127,6 +135,9 @@ def _middle(late: Array) -> float:
 def usual_interval(time: Array) -> float:
     """Distance of the samples without the gaps, s.
 
+    Means over many tell it whatever the stamps do, unless there are losses in most of them: then the usual step does. The
+    better of the two is that with which the samples, the losses counted, come most evenly.
+
     Parameters
     ----------
     time : ndarray, shape (n,), s, n > 1
@@ -134,10 +145,25 @@ def usual_interval(time: Array) -> float:
     width = max(1, min(AHEAD, time.size // 4))
     total = np.concatenate([[0.0], np.cumsum(time - time[0])])
     means = (total[width:] - total[:-width]) / width
-    interval = float(np.median(means[width:] - means[:-width])) / width
+    wide, step = float(np.median(means[width:] - means[:-width])) / width, float(np.median(np.diff(time)))
+    found = _settled(time, wide)
+    if 0.5 * wide < step < _OTHER * wide:
+        found = min(found, _settled(time, step))
+    return found[1]
+
+
+def _settled(time: Array, interval: float) -> tuple[float, float]:
+    """How unevenly the samples come, in intervals, and the interval, from a first guess of it."""
+    shifted = time
     for _ in range(_ROUNDS):
         clock = Clock(interval)
-        clock.take(time)
-        clock.rest()
+        decided, breaks = clock.take(time)
+        breaks += [decided + b for b in clock.rest()[1]]
+        lost = np.zeros(time.size)
+        lost[breaks] = clock.missing
+        shifted = time - interval * np.cumsum(lost)
         interval = float(time[-1] - time[0] - clock.lost) / (time.size - 1)
-    return interval
+    late = (shifted - time[0]) / interval - np.arange(float(time.size))
+    block = max(1, min(AHEAD, time.size // 8))
+    means = late[: late.size // block * block].reshape(-1, block).mean(axis=1)
+    return float(np.square(np.diff(means)).mean()) if means.size > 1 else 0.0, interval

@@ -94,12 +94,14 @@ def degrees_of_freedom(found: Variances, alpha: ArrayLike | None = None) -> Arra
     """
     exponent = np.zeros(found.variance.shape) + (exponents(found) if alpha is None else np.asarray(alpha, dtype=float))
     out = np.zeros_like(found.variance)
+    parts = found.stretches or ((found.samples, found.count),)
+    often = found.often or (1,) * len(parts)
     for i, factor in enumerate(found.factors.tolist()):
         step = largest_step(factor) if found.method == "pyramid" else 1
-        given = [(n, int(counts[i])) for n, counts in found.stretches or ((found.samples, found.count),) if counts[i]]
+        given = [(n, int(counts[i]), k) for (n, counts), k in zip(parts, often, strict=True) if counts[i]]
         for a in range(len(out[i])):
-            each = np.array([edf(found.kind, float(exponent[i, a]), factor, n, step) for n, _ in given])
-            weights = np.array([float(count) for _, count in given])
+            each = np.array([k * edf(found.kind, float(exponent[i, a]), factor, n, step) for n, _, k in given])
+            weights = np.array([float(count) for _, count, _ in given])
             out[i, a] = weights.sum() ** 2 / (weights**2 / each).sum()
     return out
 

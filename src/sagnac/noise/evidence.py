@@ -107,9 +107,16 @@ class Search:
         self.trials[keys] = trial
         return trial
 
-    def with_term(self, trial: Trial, key: str) -> Model:
-        """The terms of a trial and one more."""
-        return model(self.layout, self._ordered((*trial.keys, key)), trial.fit.model.decay, self.slack)
+    def with_terms(self, found: Fit, keys: tuple[str, ...]) -> Model:
+        """Other terms, with the correlation time of a fit.
+
+        Parameters
+        ----------
+        found : Fit
+        keys : tuple of str
+            In any order.
+        """
+        return model(self.layout, self._ordered(keys), found.model.decay, self.slack)
 
     def _keep(self, keys: tuple[str, ...], found: Fit) -> Trial:
         trial = Trial(keys, found, criterion(keys, found.deviance))

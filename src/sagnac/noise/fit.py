@@ -249,13 +249,62 @@ def judged(terms: Model, variances: Array, levels: Array) -> Fit:
     )
 
 
+@dataclass(frozen=True)
+class Estimate:
+    """One level by least squares, the others free.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (k,)
+        Of the variances: one for the level itself, nothing for the others.
+    offset : float
+        From the level of the fit.
+    variance : float
+        If the fit is true, of the estimate.
+    """
+
+    weights: Array
+    offset: float
+    variance: float
+
+
+def estimate_at(found: Fit, variances: Array, number: int) -> Estimate:
+    """Estimate of one level with the covariance of a fit, whether the fit is the best one or not.
+
+    Parameters
+    ----------
+    found : Fit
+        Terms at zero in it are left out.
+    variances : ndarray, shape (k,)
+    number : int
+        Of the term.
+    """
+    terms, root = found.model, found.root()
+    there: NDArray[np.bool_] = found.levels > 0.0
+    there[number] = True
+    rows = terms.design[:, there]
+    if "markov" in terms.keys and found.levels[terms.keys.index("markov")] > 0.0:
+        rows = np.column_stack([rows, _slope(terms, found.levels)])
+    white = np.linalg.solve(root, rows)
+    size = np.linalg.norm(white, axis=0)
+    inverse = np.linalg.pinv((white / size).T @ (white / size), hermitian=True)
+    own = int(np.count_nonzero(there[:number]))
+    row = (inverse @ (white / size).T)[own] / size[own]
+    weights = np.asarray(np.linalg.solve(root.T, row))
+    return Estimate(weights, float(weights @ (variances - found.expected)), float(row @ row))
+
+
+def _slope(terms: Model, levels: Array) -> Array:
+    """Derivative of the variances by the logarithm of the decay."""
+    return np.asarray(levels[terms.keys.index("markov")] * markov_slope(np.asarray(terms.layout.factors), terms.decay))
+
+
 def _uncertainty(terms: Model, levels: Array, expected: Array, root: Array) -> Array:
     """Covariance of the levels above zero, and of the logarithm of the decay."""
     rows = terms.design
     active: NDArray[np.bool_] = levels > 0.0
     if "markov" in terms.keys:
-        slope = levels[terms.keys.index("markov")] * markov_slope(np.asarray(terms.layout.factors), terms.decay)
-        rows = np.column_stack([rows, slope])
+        rows = np.column_stack([rows, _slope(terms, levels)])
         active = np.append(active, active[terms.keys.index("markov")])
     white = np.linalg.solve(root, rows[:, active] / expected[:, None])
     size = np.linalg.norm(white, axis=0)

@@ -14,10 +14,13 @@ from ..errors import DataError
 from ..frames import Array
 from ..observe.samples import axis_names
 from ..recording import SENSORS, Batch, Recording
-from .allan import Pyramid, Variances, octaves, pooled, variances
+from .allan import Ints, Variances
 from .blocks import Blocks, Ledger
+from .bridges import LEAST, SHORT, Losses, Run, losses, of_runs
 from .clock import Clock, usual_interval
-from .spectrum import Density, SpectrumPass
+from .filled_spectrum import FilledSpectrum
+from .spectrum import Density
+from .streamed import Stream, Streamed
 
 MEMORY = 2**31
 """Bytes of samples that are kept, by default; while an axis is worked on, its samples in a row and their sums come on top."""
@@ -54,24 +57,31 @@ class Correction:
 
 @dataclass(frozen=True)
 class Samples:
-    """Samples without a gap, as they came: putting them together would take their memory twice.
+    """Samples of a run between long gaps, as they came: putting them together would take their memory twice.
 
     Attributes
     ----------
     start : float, s
         Time of the first.
     parts : tuple of ndarray, each of shape (axes, m)
+        One after the other.
+    lengths : ndarray of int, shape (k,)
+        Samples of the pieces between single losses, in all parts together.
+    lost : ndarray of int, shape (k - 1,)
+        Samples lost after each piece but the last.
     """
 
     start: float
     parts: tuple[Array, ...]
+    lengths: Ints
+    lost: Ints
 
     def column(self, axis: int, interval: float, correction: Correction | None) -> Array:
-        """Samples of one axis in a row, shape (n,), the correction taken off."""
+        """Samples of one axis in a row, those that are there, shape (n,), the correction taken off."""
         column = np.concatenate([part[axis] for part in self.parts])
         if correction is not None and correction.coefficient[axis] != 0:
-            time = self.start + interval * np.arange(float(column.size))
-            column -= correction.at(time) * correction.coefficient[axis]
+            place = np.arange(float(column.size)) + np.repeat(np.concatenate([[0], np.cumsum(self.lost)]), self.lengths)
+            column -= correction.at(self.start + interval * place) * correction.coefficient[axis]
         return column
 
 
@@ -87,7 +97,7 @@ class Gathered:
     samples : int
         Those of all stretches.
     stretches : tuple of int
-        Samples between the gaps.
+        Samples between the gaps, of those that are long enough to tell anything by themselves.
     span : tuple of float, s
         Times of the first and last sample.
     gaps : tuple of (float, float)
@@ -95,11 +105,13 @@ class Gathered:
     mean : ndarray, shape (axes,)
     blocks : Blocks
     short : int
-        Samples in stretches that are too short to be taken.
+        Samples in stretches that are too short.
+    losses : Losses
+        What is lost in the gaps that are short enough to be bridged.
     kept : list of Samples or None
-        Those of each stretch.
-    streamed : list of dict of str to list of Pyramid, or None
-        Of each stretch, kind and axis, where the samples are not kept.
+        Those of each run between the other gaps.
+    streamed : dict of str to list of Streamed, or None
+        By kind, of each axis, where the samples are not kept.
     spectrum : Density or None
         Of all axes; None where no stretch is long enough.
     """
@@ -113,8 +125,9 @@ class Gathered:
     mean: Array
     blocks: Blocks
     short: int
+    losses: Losses
     kept: list[Samples] | None
-    streamed: list[dict[str, list[Pyramid]]] | None
+    streamed: dict[str, list[Streamed]] | None
     spectrum: Density | None
 
 
@@ -188,13 +201,18 @@ def _cut(
 
 
 @dataclass
-class _Stretch:
-    """Samples without a gap: kept, or gone into pyramids."""
+class _Run:
+    """Samples without a long gap: kept, or gone on."""
 
     start: float
-    count: int = 0
+    lengths: list[int] = field(default_factory=lambda: [0])
+    lost: list[int] = field(default_factory=list)
     parts: list[Array] = field(default_factory=list)
-    pyramids: dict[str, list[Pyramid]] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        """Samples."""
+        return sum(self.lengths)
 
 
 class _Reader:
@@ -211,10 +229,10 @@ class _Reader:
         self._clock = Clock(math.nan)
         self._waiting = np.zeros((0, len(axes)))
         self._waiting_time = np.zeros(0)
-        self._stretches: list[_Stretch] = []
+        self._runs: list[_Run] = []
         self._bytes = 0
-        self._spectra: SpectrumPass | None = None
-        self._streaming = False
+        self._spectra: FilledSpectrum | None = None
+        self._stream: Stream | None = None
         self._count = 0
         self._reference = np.zeros(len(axes))
         self._sum = np.zeros(len(axes))
@@ -229,7 +247,7 @@ class _Reader:
             self._interval = usual_interval(known)
             self._clock = Clock(self._interval)
             self._ledger = Ledger(len(self._axes), self._interval)
-            self._spectra = SpectrumPass(self._interval, len(self._axes))
+            self._spectra = FilledSpectrum(self._interval, len(self._axes))
             self._first, self._reference = float(known[0]), self._pending[0][1][0].copy()
             for part in self._pending:
                 self._take(*part)
@@ -253,48 +271,55 @@ class _Reader:
         assert self._spectra is not None
         held = len(self._waiting)
         decided, breaks = self._clock.take(time) if time.size else self._clock.rest()
+        missing = self._clock.missing[len(self._clock.missing) - len(breaks) :]
         # those that waited and the new ones are handed on one after the other: nothing is copied
         for part, stamps, first in ((self._waiting, self._waiting_time, 0), (values, time, held)):
             last = min(decided - first, len(part))
-            own = dict.fromkeys(b - first for b in breaks if 0 <= b - first < last)
-            if last > 0 and not self._stretches:
-                self._stretches.append(_Stretch(float(stamps[0])))
+            own = {b - first: n for b, n in zip(breaks, missing, strict=True) if 0 <= b - first < last}
+            if last > 0 and not self._runs:
+                self._runs.append(_Run(float(stamps[0])))
             for i, j in pairwise([*([0] if 0 not in own else []), *own, max(last, 0)]):
                 if i in own:
-                    self._stretches.append(_Stretch(float(stamps[i])))
-                    self._spectra.gap()
+                    self._break(own[i], float(stamps[i]))
                 if j > i:
                     self._append(part[i:j])
         ahead = max(decided - held, 0)
         self._waiting = np.concatenate([self._waiting[decided:], values[ahead:]])
         self._waiting_time = np.concatenate([self._waiting_time[decided:], time[ahead:]])
 
+    def _break(self, lost: int, start: float) -> None:
+        """A gap before the sample at this time."""
+        assert self._spectra is not None
+        if lost > SHORT:
+            self._spectra.gap()
+            self._runs.append(_Run(start))
+            if self._stream is not None:
+                self._stream.gap()
+            return
+        self._spectra.loss(lost)
+        self._runs[-1].lost.append(lost)
+        self._runs[-1].lengths.append(0)
+        if self._stream is not None:
+            self._stream.loss(lost)
+
     def _append(self, values: Array) -> None:
         assert self._spectra is not None
-        stretch = self._stretches[-1]
+        run = self._runs[-1]
         self._spectra.add(values)
-        stretch.count += len(values)
-        if self._streaming:
-            self._feed(stretch, values)
+        run.lengths[-1] += len(values)
+        if self._stream is not None:
+            self._stream.add(values)
             return
-        stretch.parts.append(values.T)
+        run.parts.append(values.T)
         self._bytes += values.nbytes
         if self._bytes > self._memory:
-            self._streaming = True
-            for one in self._stretches:
-                parts, one.parts = one.parts[::-1], []
-                while parts:
-                    self._feed(one, parts.pop().T)
-
-    def _feed(self, stretch: _Stretch, values: Array) -> None:
-        columns = range(len(self._axes))
-        if not stretch.pyramids:
-            stretch.pyramids = {
-                kind: [Pyramid(self._interval, 1, kind, per_octave=PER_OCTAVE) for _ in columns] for kind in self._kinds
-            }
-        with ThreadPoolExecutor() as pool:
-            for own in stretch.pyramids.values():
-                list(pool.map(lambda p, k: p.add(np.ascontiguousarray(values[:, k])), own, columns))
+            self._stream = Stream(
+                self._interval, len(self._axes), self._kinds, per_octave=PER_OCTAVE, shortest=SHORTEST
+            )
+            for i, one in enumerate(self._runs):
+                if i:
+                    self._stream.gap()
+                _hand_on(one, self._stream)
 
     def done(self, name: str) -> Gathered:
         """What was found.
@@ -306,32 +331,55 @@ class _Reader:
         """
         if self._ledger is not None:
             self._part(np.zeros(0), self._waiting[:0])
-        whole = [s for s in self._stretches if s.count >= SHORTEST]
-        if self._ledger is None or not whole:
-            found = max((s.count for s in self._stretches), default=sum(t.size for t, _, _ in self._pending))
+        runs = [r for r in self._runs if r.count >= SHORTEST]
+        given = losses([n for r in runs for n in r.lost], sum(r.count for r in runs))
+        stretches = [n for r in runs for n in r.lengths if n >= LEAST]
+        if self._ledger is None or not (runs if given.bridged else max(stretches, default=0) >= SHORTEST):
+            few = [n for r in self._runs for n in r.lengths]
+            found = max(few, default=sum(t.size for t, _, _ in self._pending))
             raise DataError(
                 f"{name}: {found} samples without a gap are too few to tell anything of their noise (at least {SHORTEST})"
             )
-        gaps = self._clock.gaps
         interval = (self._last - self._first - self._clock.lost) / (self._count - 1)
-        kept = None if self._streaming else [Samples(s.start, tuple(s.parts)) for s in whole]
+        kept = [
+            Samples(r.start, tuple(r.parts), np.array(r.lengths, dtype=np.int64), np.array(r.lost, dtype=np.int64))
+            for r in runs
+        ]
         return Gathered(
             axes=self._axes,
             interval=interval,
-            samples=sum(s.count for s in whole),
-            stretches=tuple(s.count for s in whole),
+            samples=sum(r.count for r in runs) if given.bridged else sum(stretches),
+            stretches=tuple(stretches),
             span=(self._first, self._last),
-            gaps=tuple(gaps),
+            gaps=tuple(self._clock.gaps),
             mean=self._reference + self._sum / self._count,
             blocks=replace(self._ledger.blocks(), interval=interval),
-            short=self._count - sum(s.count for s in whole),
-            kept=kept,
-            streamed=[s.pyramids for s in whole] if self._streaming else None,
+            short=self._count - sum(stretches),
+            losses=given,
+            kept=kept if self._stream is None else None,
+            streamed=None if self._stream is None else self._stream.done(),
             spectrum=_result(self._spectra),
         )
 
 
-def _result(spectra: SpectrumPass | None) -> Density | None:
+def _hand_on(run: _Run, stream: Stream) -> None:
+    """What was kept of a run goes into the stream, piece by piece."""
+    ends = np.cumsum(run.lengths).tolist()
+    piece, at = 0, 0
+    parts, run.parts = run.parts[::-1], []
+    while parts:
+        values = parts.pop().T
+        first = 0
+        while first < len(values):
+            if at == ends[piece]:
+                stream.loss(run.lost[piece])
+                piece += 1
+            size = min(len(values) - first, ends[piece] - at)
+            stream.add(values[first : first + size])
+            first, at = first + size, at + size
+
+
+def _result(spectra: FilledSpectrum | None) -> Density | None:
     try:
         return None if spectra is None else spectra.result()
     except DataError:
@@ -356,13 +404,9 @@ def variances_of(found: Gathered, axis: int, kind: str, correction: Correction |
         When the samples of a stretch are all the same.
     """
     if found.streamed is not None:
-        return replace(pooled([p[kind][axis].result() for p in found.streamed]), interval=found.interval)
-    parts = []
-    for samples in found.kept or []:
-        column = samples.column(axis, found.interval, correction)
-        factors = octaves(column.size, kind, per_octave=PER_OCTAVE)
-        parts.append(variances(column, found.interval, factors, kind))
-    return pooled(parts)
+        return replace(found.streamed[kind][axis].result(found.losses), interval=found.interval)
+    runs = [Run(s.column(axis, found.interval, correction), s.lengths, s.lost) for s in found.kept or []]
+    return of_runs(runs, found.interval, kind, found.losses, per_octave=PER_OCTAVE)
 
 
 def spectrum_of(found: Gathered, axis: int, correction: Correction | None = None) -> Density | None:
@@ -376,10 +420,14 @@ def spectrum_of(found: Gathered, axis: int, correction: Correction | None = None
         Taken off the samples that were kept.
     """
     if correction is not None and found.kept is not None and correction.coefficient[axis] != 0:
-        running = SpectrumPass(found.interval, 1)
+        running = FilledSpectrum(found.interval, 1)
         for samples in found.kept:
             running.gap()
-            running.add(samples.column(axis, found.interval, correction))
+            column = samples.column(axis, found.interval, correction)[:, None]
+            for i, piece in enumerate(np.split(column, np.cumsum(samples.lengths)[:-1])):
+                if i:
+                    running.loss(int(samples.lost[i - 1]))
+                running.add(piece)
         return _result(running)
     if found.spectrum is None:
         return None

@@ -16,7 +16,7 @@ from ..errors import DataError, InputError
 from ..frames import Array
 from .allan import Variances
 from .evidence import Search, Trial, rival
-from .fit import Fit, fit, judged
+from .fit import Fit, Model, fit, judged
 from .intervals import two_sided, upper_limit
 from .model_covariance import layout
 from .terms import LINEAR, TERMS, value, variance
@@ -28,6 +28,9 @@ _FAIR = 0.05
 _SLACKS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 _STRIKING = 3.0
 _TIED = 0.95
+_SLOW = ("instability", "walk", "ramp")
+_HIDING = ("instability", "walk")  # that a record may hold unseen, and a neighbour with it
+_POSSIBLE = 0.01  # probability of the chi-square of terms that are not ruled out
 _STRAIGHT = 1e-6  # share of noise in the variances, at every averaging time
 
 
@@ -242,7 +245,7 @@ def _result(search: Search, chosen: Trial, v: Variances, used: list[int], unit: 
     found, interval = chosen.fit, v.interval
     # what noise alone says of the same levels
     strict = judged(replace(found.model, slack=0.0), search.variances, found.levels)
-    coefficients, covariance = _coefficients(found, search.variances, interval, unit)
+    coefficients, covariance = _coefficients(search, found, interval, unit)
     dof = len(used) - covariance.shape[0]
     tried = _tried(search, chosen)
     probability = _probability(strict.chi2, dof)
@@ -268,13 +271,13 @@ def _result(search: Search, chosen: Trial, v: Variances, used: list[int], unit: 
     )
 
 
-def _coefficients(found: Fit, variances: Array, interval: float, unit: float) -> tuple[tuple[Coefficient, ...], Array]:
+def _coefficients(search: Search, found: Fit, interval: float, unit: float) -> tuple[tuple[Coefficient, ...], Array]:
     """Coefficients and their covariance, from levels in units of the first variance."""
     out, slopes = [], []
     for i, (key, level) in enumerate(zip(found.keys, found.levels, strict=True)):
         size = value(key, level * unit, interval)
         slopes.append(0.5 * size / level)
-        low, high = two_sided(found, variances, i)
+        low, high = two_sided(found, search.variances, i, _hidden(search, found, found.keys, key))
         spread = slopes[-1] * math.sqrt(float(found.covariance[i, i]))
         out.append(Coefficient(key, size, spread, value(key, low * unit, interval), value(key, high * unit, interval)))
     if "markov" in found.keys:
@@ -285,17 +288,35 @@ def _coefficients(found: Fit, variances: Array, interval: float, unit: float) ->
     return tuple(out), np.asarray(found.covariance * np.outer(slopes, slopes))
 
 
+def _hidden(search: Search, found: Fit, keys: tuple[str, ...], key: str) -> list[Model]:
+    """Terms with those that a flicker floor or a walk among them, whose level is asked for, may hide."""
+    more = tuple(k for k in _HIDING if k in search.linear and k not in keys)
+    return [search.with_terms(found, (*keys, *more))] if key in _HIDING and more else []
+
+
+def _instead(search: Search, found: Fit, key: str) -> list[Model]:
+    """Sets of terms with an absent slow one in the place of another, as far as they fit by themselves."""
+    out = []
+    for other in [k for k in found.keys if k in _SLOW and key in _SLOW]:
+        keys = (*(k for k in found.keys if k != other), key)
+        terms = search.with_terms(found, keys)
+        chi2 = fit(terms, search.variances).chi2
+        if _probability(chi2, search.variances.size - len(keys) - ("markov" in keys)) > _POSSIBLE:
+            out.append(terms)
+    return out
+
+
 def _limits(search: Search, chosen: Trial, interval: float, unit: float) -> dict[str, float]:
     out = {}
     rivals = rival(chosen, list({t.keys: t for t in search.trials.values()}.values()))
     for key in search.linear:
         if key not in chosen.keys:
-            terms = search.with_term(chosen, key)
-            limit = upper_limit(terms, search.variances, terms.keys.index(key), chosen.fit)
+            terms = search.with_terms(chosen.fit, (*chosen.keys, key))
             # where another set of terms cannot be ruled out, the level may be as large as it is there
-            there = [t for t in rivals if key in t.keys]
-            others = [two_sided(t.fit, search.variances, t.keys.index(key))[1] for t in there]
-            out[key] = value(key, max(limit, *others) * unit if others else limit * unit, interval)
+            others = [t.fit.model for t in rivals if key in t.keys]
+            others += [*_hidden(search, chosen.fit, terms.keys, key), *_instead(search, chosen.fit, key)]
+            limit = upper_limit(terms, search.variances, terms.keys.index(key), chosen.fit, others)
+            out[key] = value(key, limit * unit, interval)
     return out
 
 

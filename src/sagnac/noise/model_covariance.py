@@ -91,22 +91,22 @@ def layout(v: Variances, used: list[int] | None = None) -> Layout:
     if v.kind not in ORDER:
         raise InputError(f"The terms are identified from the allan or hadamard variance, not from the {v.kind} one.")
     pick = list(range(len(v.factors))) if used is None else used
-    given = [(n, counts[pick]) for n, counts in v.stretches or ((v.samples, v.count),) if counts[pick].any()]
+    parts = v.stretches or ((v.samples, v.count),)
+    often = v.often or (1,) * len(parts)
+    given = [(n, counts[pick], k) for (n, counts), k in zip(parts, often, strict=True) if counts[pick].any()]
     given.sort(key=lambda s: s[0])
-    few = len({n for n, _ in given}) <= _MOST_LENGTHS
-    groups: dict[tuple[int, int], list[tuple[int, NDArray[np.int64]]]] = {}
-    for n, counts in given:
+    few = len({n for n, _, _ in given}) <= _MOST_LENGTHS
+    groups: dict[tuple[int, int], list[tuple[int, NDArray[np.int64], int]]] = {}
+    for n, counts, k in given:
         # of many lengths, those of an octave that reach the same averaging times: their mean reaches these as well
         key = (n, 0) if few else (math.floor(math.log2(n)), int(np.count_nonzero(counts)))
-        groups.setdefault(key, []).append((n, counts))
-    stretches = [
-        Stretch(
-            round(float(np.mean([n for n, _ in group]))),
-            len(group),
-            tuple(float(c) for c in np.mean([counts for _, counts in group], axis=0)),
-        )
-        for group in groups.values()
-    ]
+        groups.setdefault(key, []).append((n, counts, k))
+    stretches = []
+    for group in groups.values():
+        number = sum(k for _, _, k in group)
+        mean = sum(n * k for n, _, k in group) / number
+        counts = np.sum([c for _, c, _ in group], axis=0) / number
+        stretches.append(Stretch(round(mean), number, tuple(float(c) for c in counts)))
     return Layout(v.kind, tuple(int(m) for m in v.factors[pick]), tuple(stretches))
 
 

@@ -83,6 +83,7 @@ def page(noise: Noise) -> str:
     if noise.unit.model or noise.unit.serial:
         lines.append(f"  unit        {noise.unit.model} {noise.unit.serial}".rstrip())
     lines.append(f"  samples     {noise.samples}, {1 / noise.interval:.6g} Hz, {_duration(noise.duration)}")
+    lines += ["  terms       from the Allan deviation"] if noise.kind == "modified" else []
     for sensor in ("accel", "gyro"):
         own = [a for a in noise.axes if a.name.startswith(sensor)]
         lines += _triad(sensor, own, [r.name for r in noise.refused if r.name.startswith(sensor)])

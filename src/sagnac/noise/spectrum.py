@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import DataError, InputError
 from ..frames import Array
+from .checks import check_finite, check_interval, table
 from .side_by_side import each_axis
 
 REMOVED = ("mean", "trend")
@@ -207,8 +208,7 @@ class SpectrumPass:
     def __init__(
         self, interval: float, axes: int, *, shortest: int = 256, longest: int = 1 << 18, removed: str = "mean"
     ) -> None:
-        if not (np.isfinite(interval) and interval > 0):
-            raise InputError(f"The interval of the samples is {interval} s: it has to be a positive number of seconds.")
+        check_interval(interval)
         if axes < 1 or shortest < 2 * _LOWEST or shortest % 2 or longest < shortest:
             raise InputError(
                 f"Spectrum of {axes} axes from stretches of {shortest} to {longest} samples: there is none."
@@ -239,14 +239,10 @@ class SpectrumPass:
         InputError
             Another number of axes.
         """
-        y = np.asarray(values, dtype=float)
-        y = y[:, None] if y.ndim == 1 else y
-        if y.ndim != 2 or y.shape[1] != len(self._reference):
-            raise InputError(f"Samples have the shape (n, {len(self._reference)}), and these have {np.shape(values)}.")
-        if not np.isfinite(y.sum()):
-            _check_finite(y, self.samples)
+        y = table(values, axes=len(self._reference))
+        check_finite(y, self.samples)
         if self.samples == 0 and len(y):
-            self._reference = y[0].copy()
+            self._reference = y[0].astype(float)
         self.samples += len(y)
         each_axis(lambda k: self._chains[k].add(y[:, k], self._reference[k]), len(self._chains), y.size)
 
@@ -291,14 +287,6 @@ class SpectrumPass:
         freedom = 2.0 * k / (1.0 + 2.0 * (1.0 - 1.0 / k) * _NEIGHBOUR)
         resolution, averages, degrees = np.full(bins.size, step), np.full(bins.size, k), np.full(bins.size, freedom)
         return np.asarray(step * bins, dtype=float), density, resolution, averages, degrees
-
-
-def _check_finite(y: Array, before: int) -> None:
-    """Name the first value that is no number."""
-    bad = np.argwhere(~np.isfinite(y))
-    if bad.size:
-        row, axis = bad[0]
-        raise DataError(f"Sample {before + row + 1} of axis {axis + 1} is {y[row, axis]}: part the record there.")
 
 
 @lru_cache(maxsize=8)

@@ -23,18 +23,17 @@ from ..results import Software, Source, now
 from . import disturbances as clues
 from .allan import KINDS
 from .axis import Judged, Kind, beyond, judge, record_of, shown_in
+from .bridges import MOST, SHORT
 from .disturbances import Disturbance
-from .gather import MEMORY, Correction, Gathered, gather, spectrum_of
+from .gather import MEMORY, Gathered, gather, spectrum_of
 from .page import units_of
 from .record import Axis, Disturbed, Noise, Refused
-from .temperature import Effect, effects
+from .temperature import taken_off
 
 if TYPE_CHECKING:
     from ..plan import Unit
 
 _READING = {"accel": "m/s^2", "gyro": "rad/s"}
-_BY_CHANCE = 1e-5  # probability of an effect of temperature that is none
-_EXPLAINED = 0.2  # share of the drift, from which the effect of temperature is taken off
 DESPITE = (
     "saturated",
     "stuck",
@@ -110,7 +109,7 @@ def study(
     seen = _disturbances(found, recording, readings)
     refused = _refusals(seen, despite)
     judging = [k for k, axis in enumerate(found.axes) if axis not in refused]
-    warm, told = _temperature(found, judging, readings)
+    warm, told = taken_off(found.blocks, found.axes, judging, readings)
     again = found
     if warm is not None and found.streamed is not None:
         again = gather(recording, kinds=kinds, start=start, stop=stop, memory=0, correction=warm)
@@ -160,18 +159,34 @@ def _disturbances(found: Gathered, recording: Recording, readings: Sequence[str]
 
 
 def _gaps(found: Gathered) -> list[Disturbance]:
+    """What was lost: single samples, that are bridged, and gaps, that part the log."""
     if not found.gaps:
         return []
-    total = sum(length for _, length in found.gaps)
-    longest = max(found.gaps, key=lambda g: g[1])
-    longest_stretch = max(found.stretches) * found.interval
-    number = "1 gap" if len(found.gaps) == 1 else f"{len(found.gaps)} gaps"
-    text = (
-        f"{number}, {total:.3g} s in all, the longest of {longest[1]:.3g} s at {longest[0]:.6g} s: the stretches between them "
-        f"are pooled, the longest is {longest_stretch:.4g} s"
-    )
-    text += f"; {found.short} samples lie in stretches too short to use" if found.short else ""
-    return [Disturbance("gap", "", text, start=found.gaps[0][0], size=total)]
+    lost, interval = found.losses, found.interval
+    long_ = [g for g in found.gaps if not lost.bridged or g[1] > (SHORT + 1) * interval]
+    parts: list[str] = []
+    if lost.bridged:
+        places = "1 place" if lost.places == 1 else f"{lost.places} places"
+        told = f"{lost.lost} samples lost in {places} ({lost.share:.2%}, {lost.longest} in a row at most)"
+        parts.append(
+            f"{told}: bridged for averaging times that are long against this, from {lost.begin * interval:.3g} s on"
+        )
+    if long_:
+        at, longest = max(long_, key=lambda g: g[1])
+        number = "1 gap" if len(long_) == 1 else f"{len(long_)} gaps"
+        text = f"{number}, {sum(g[1] for g in long_):.3g} s in all, the longest of {longest:.3g} s at {at:.6g} s: "
+        ends = [found.span[0], *(t for g in long_ for t in (g[0], g[0] + g[1])), found.span[1]]
+        stretch = max(b - a for a, b in zip(ends[::2], ends[1::2], strict=True))
+        parts.append(text + f"the stretches between them are pooled, the longest is {stretch:.4g} s")
+    if lost.places and not lost.bridged:
+        parts.append(
+            f"{lost.share:.1%} of the samples are lost a few at a time, too many to be bridged (at most {MOST:.0%}): averaging "
+            "times longer than the stretches hold are not told"
+        )
+    if found.short and not lost.bridged:
+        parts.append(f"{found.short} samples lie in stretches too short to use")
+    first, total = found.gaps[0][0], sum(length for _, length in found.gaps)
+    return [Disturbance("gap", "", "; ".join(parts), start=first, size=total)]
 
 
 def _refusals(seen: Sequence[Disturbance], despite: Collection[str]) -> dict[str, str]:
@@ -197,42 +212,6 @@ def _reasons(seen: Sequence[Disturbance], despite: Collection[str]) -> str:
 
 
 # ------------------------------------------------------------------------------------------------- temperature
-
-
-def _temperature(
-    found: Gathered, judging: Sequence[int], readings: Sequence[str]
-) -> tuple[Correction | None, dict[int, Disturbance]]:
-    """What goes with the temperature and is taken off, and words on it by number of the axis."""
-    known = effects(found.blocks)
-    if known is None or found.blocks.temperature is None:
-        return None, {}
-    told: dict[int, Disturbance] = {}
-    coefficient = np.zeros(len(found.axes))
-    for k in judging:
-        effect = known[k]
-        if effect.p_value > _BY_CHANCE or effect.explained < _EXPLAINED:
-            continue
-        told[k] = _warmed(found.axes[k], effect, readings[k])
-        coefficient[k] = effect.coefficient
-    if not told:
-        return None, {}
-    good = np.isfinite(found.blocks.temperature)
-    warmth = found.blocks.temperature[good]
-    return Correction(found.blocks.mid[good], warmth - warmth.mean(), coefficient), told
-
-
-def _warmed(axis: str, effect: Effect, reading: str) -> Disturbance:
-    unit, size = shown_in(axis, reading)
-    text = (
-        f"{axis} follows the temperature by {effect.coefficient * size:.3g} ± {effect.standard_uncertainty * size:.2g} {unit}/K, "
-        f"which makes {effect.explained:.0%} of its drift (the temperature changed by {effect.change:.2g} K): taken off before "
-        "the terms were found"
-    )
-    text += (
-        "" if effect.told_apart else "; the temperature changed so steadily that it may be a drift with time as well"
-    )
-    significance = abs(effect.coefficient) / effect.standard_uncertainty if effect.standard_uncertainty > 0 else None
-    return Disturbance("temperature", axis, text, size=effect.coefficient, significance=significance)
 
 
 def _without(judged: Judged, axis: str, reading: str) -> str:

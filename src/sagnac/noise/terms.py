@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..frames import Array
+from .panels import graded
 
 FLOOR = math.sqrt(2.0 * math.log(2.0) / math.pi)
 """Allan deviation of flicker noise over its coefficient B: 0.664."""
@@ -270,11 +271,13 @@ def variance(key: str, factors: Array | NDArray[np.int64], kind: str = "allan", 
     factors : ndarray, shape (k,)
         Samples in each averaging time.
     kind : str
-        ``allan`` or ``hadamard``. The latter does not see a ramp.
+        ``allan``, ``hadamard``, which does not see a ramp, or ``modified``.
     decay : float
         Of ``markov``: interval over correlation time.
     """
     m = np.asarray(factors, dtype=float)
+    if kind == "modified":
+        return _modified(key, m, decay)
     if key == "ramp":
         return lag_covariance(key, kind, m, m, np.zeros_like(m)) / DIVISOR[kind]
     # the stencil of equal factors at lag zero
@@ -282,6 +285,26 @@ def variance(key: str, factors: Array | NDArray[np.int64], kind: str = "allan", 
     lags = np.arange(outer.size)[:, None] * m
     found = second_difference(key, np.broadcast_to(m, lags.shape).ravel(), lags.ravel(), decay).reshape(lags.shape)
     return np.asarray(outer @ found / (m**2 * DIVISOR[kind]))
+
+
+def _modified(key: str, factors: Array, decay: float) -> Array:
+    """Modified Allan variance: that of the mean of m neighbouring second differences.
+
+    With the covariance R of second differences over m whose middles lie u apart it is half of the mean of R over the distances
+    of all pairs of the m: ``(m R(0) + 2 sum of (m - u) R(u)) / (2 m^2)``, u from 1 to m - 1. For white noise that is
+    ``(m^2 + 1) / (2 m^3)`` (NIST SP 1065, section 5.5). What lies between whole numbers is interpolated, for drawing a line.
+    """
+    whole = np.unique(np.concatenate([np.floor(factors), np.ceil(factors)]))
+    lags, weights = [], []
+    for m in whole:
+        away, often = graded(1, int(m) - 1, both=True) if m > 1.0 else (np.zeros(0), np.zeros(0))
+        lags.append(np.append(0.0, away))
+        weights.append(np.append(m, 2.0 * often * (m - away)))
+    number = [lag.size for lag in lags]
+    size, weight = np.repeat(whole, number), np.concatenate(weights)
+    covariance = lag_covariance(key, "allan", size, size, np.concatenate(lags), decay)
+    out = np.add.reduceat(weight * covariance, np.cumsum([0, *number[:-1]])) / (2.0 * whole**2)
+    return np.asarray(np.exp(np.interp(np.log(factors), np.log(whole), np.log(out))))
 
 
 def markov_slope(factors: Array | NDArray[np.int64], decay: float) -> Array:

@@ -50,7 +50,9 @@ def noise_figure(noise: Noise) -> Figure:
         size = 1.0 if unit == "count" else units.convert(1.0, own[0].unit, unit)
         missing = [r.name for r in noise.refused if r.name.startswith(sensor)]
         _deviations(left, own, noise, unit, size)
-        title(left, f"{_SENSORS[sensor]}" + (f" ({', '.join(missing)} refused)" if missing else ""))
+        said = [f"{', '.join(missing)} refused"] if missing else []
+        said += ["terms by Allan deviation"] if noise.kind == "modified" else []
+        title(left, _SENSORS[sensor] + (f" ({'; '.join(said)})" if said else ""))
         _spectra(right, own, noise, unit, size)
     return figure
 
