@@ -19,7 +19,7 @@ from .allan import Variances
 from .confidence import intervals
 from .disturbances import Disturbance
 from .gather import Correction, Gathered, variances_of
-from .identify import Identified, deviations, identify
+from .identify import Identified, Sought, deviations, seek
 from .lines import Line, lines_in
 from .page import density_of, units_of
 from .record import Axis, Curve, Limit, Spectrum, TermFit, TermValue, finite
@@ -117,16 +117,16 @@ def explained(variances: Variances) -> Identified:
     ----------
     variances : Variances
     """
-    first = identify(variances)
+    first = seek(variances)
     if _good(first):
-        return first
+        return first.identified()
     most = min(_LEFT_OUT, int(np.log2(variances.factors[-1])) - _KEPT)
-    tried: dict[int, Identified] = {}
+    tried: dict[int, Sought] = {}
     for left_out in range(1, most + 1):
         for octaves in (left_out, min(left_out + _MORE, most)):
             if octaves not in tried:
                 rest = _from(variances, int(np.searchsorted(variances.factors, 2**octaves)))
-                tried[octaves] = identify(rest, fastest=_FAST)
+                tried[octaves] = seek(rest, fastest=_FAST)
             found = tried[octaves]
             if not _good(found):
                 break
@@ -135,13 +135,14 @@ def explained(variances: Variances) -> Identified:
                 f"averaging times below {found.tau[0]:.3g} s are left out: no sum of noise terms describes them, as where the "
                 "sensor filters its samples, or counts pulses that its noise hardly moves on"
             )
-            return replace(found, notes=(*found.notes, note))
-    return first
+            told = found.identified()
+            return replace(told, notes=(*told.notes, note))
+    return first.identified()
 
 
-def _good(found: Identified) -> bool:
+def _good(found: Sought) -> bool:
     """Whether noise explains the variances, and no correlation as short as that of a filter."""
-    fast = 0.0 < found.value("markov_time") < _FAST * found.tau[0]
+    fast = 0.0 < found.markov_time < _FAST * found.tau[0]
     return not (found.p_value < _EXPLAINED or fast)
 
 

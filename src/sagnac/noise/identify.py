@@ -8,7 +8,7 @@ moments of wavelet variances (Guerrier et al. 2013) with its best weights, in cl
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -179,6 +179,59 @@ def identify(
     InputError
         For a kind or a term without a model.
     """
+    return seek(v, axis, terms, fastest=fastest).identified()
+
+
+@dataclass(frozen=True)
+class Sought:
+    """Terms that explain the variances best, before intervals and limits, which take most of the time.
+
+    Attributes
+    ----------
+    p_value : float
+        As of :class:`Identified`.
+    tau : ndarray, shape (k,)
+        Averaging times that were used, s.
+    markov_time : float, s
+        Zero where there is no such term.
+    """
+
+    p_value: float
+    tau: Array
+    markov_time: float
+    _search: Search = field(repr=False)
+    _chosen: Trial = field(repr=False)
+    _strict: Fit = field(repr=False)
+    _variances: Variances = field(repr=False)
+    _unit: float = field(repr=False)
+
+    def identified(self) -> Identified:
+        """With all that is known of the coefficients."""
+        search, chosen, v = self._search, self._chosen, self._variances
+        coefficients, covariance = _coefficients(search, chosen.fit, v.interval, self._unit)
+        notes = [
+            *_rivals(chosen, search),
+            *_ties(coefficients, covariance),
+            *_misses(self._strict, self.tau, self.p_value, search.slack),
+        ]
+        return Identified(
+            v.kind,
+            v.interval,
+            coefficients,
+            covariance,
+            _limits(search, chosen, v.interval, self._unit),
+            self._strict.chi2,
+            search.variances.size - covariance.shape[0],
+            self.p_value,
+            self.tau,
+            self._strict.residuals,
+            _tried(search, chosen),
+            tuple(notes),
+        )
+
+
+def seek(v: Variances, axis: int = 0, terms: tuple[str, ...] = (*LINEAR, "markov"), *, fastest: float = 1.0) -> Sought:
+    """The terms of one axis alone; parameters and errors as of :func:`identify`."""
     unknown = [key for key in terms if key not in TERMS]
     if unknown:
         raise InputError(f"Noise term {unknown[0]!r}: there are {', '.join(TERMS)}.")
@@ -196,7 +249,18 @@ def identify(
     if slack > 0.0:
         search = Search(plan, values / unit, terms, slack, fastest)
         chosen = search.best()
-    return _result(search, chosen, v, used, unit)
+    # what noise alone says of the same levels
+    strict = judged(replace(chosen.fit.model, slack=0.0), search.variances, chosen.fit.levels)
+    return Sought(
+        _probability(strict.chi2, len(used) - chosen.fit.covariance.shape[0]),
+        v.tau[used],
+        v.interval / chosen.fit.model.decay if "markov" in chosen.keys else 0.0,
+        search,
+        chosen,
+        strict,
+        v,
+        unit,
+    )
 
 
 def _slack(chosen: Trial, variances: Array) -> float:
@@ -239,36 +303,6 @@ def _refuse(values: Array, tau: Array, kind: str) -> None:
             "The samples lie on a straight line: there is no noise to see. Look at what made them: a simulation without noise, "
             "or a filter that has taken it all away."
         )
-
-
-def _result(search: Search, chosen: Trial, v: Variances, used: list[int], unit: float) -> Identified:
-    found, interval = chosen.fit, v.interval
-    # what noise alone says of the same levels
-    strict = judged(replace(found.model, slack=0.0), search.variances, found.levels)
-    coefficients, covariance = _coefficients(search, found, interval, unit)
-    dof = len(used) - covariance.shape[0]
-    tried = _tried(search, chosen)
-    probability = _probability(strict.chi2, dof)
-    tau = v.tau[used]
-    notes = [
-        *_rivals(chosen, search),
-        *_ties(coefficients, covariance),
-        *_misses(strict, tau, probability, search.slack),
-    ]
-    return Identified(
-        v.kind,
-        interval,
-        coefficients,
-        covariance,
-        _limits(search, chosen, interval, unit),
-        strict.chi2,
-        dof,
-        probability,
-        tau,
-        strict.residuals,
-        tried,
-        tuple(notes),
-    )
 
 
 def _coefficients(search: Search, found: Fit, interval: float, unit: float) -> tuple[tuple[Coefficient, ...], Array]:
