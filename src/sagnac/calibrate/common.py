@@ -27,6 +27,7 @@ from .slow import slow_noise
 
 _POOR = 2.0
 _FAR = 4.0  # times the stated uncertainty of what the plan says
+_LEAST_WHITE = 0.25  # of the power found in blocks: white noise that slow noise leaves there at least
 _NOMINAL = 1e-10
 """Noise, relative to the readings, that stands in until the residuals tell: so small that no prior outweighs data."""
 
@@ -70,9 +71,10 @@ def noise_of(means: SegmentMeans, plan: Plan, sensor: str, gain: float = 1.0, si
     usable = dof > 0 and bool(np.all(np.isfinite(found))) and float(found.max()) > 1e-13 * abs(size)
     if usable:
         found = np.where(found > 0, found, found.max())
+        white = _without_slow(found, means, plan, sensor, gain)
     if stated is None:
         return (
-            Noise(_with_slow(found, slow, means), True)
+            Noise(_with_slow(white, slow, means), True)
             if usable
             else Noise(np.full(3, max(_NOMINAL * abs(size), 1e-14 * float(np.abs(means.mean[sensor]).max()))), False)
         )
@@ -88,7 +90,7 @@ def noise_of(means: SegmentMeans, plan: Plan, sensor: str, gain: float = 1.0, si
         text = (
             f"the {sensor} data show up to {ratio.max():.2g} times the noise stated in the plan: the data's own is used"
         )
-        return Noise(_with_slow(np.maximum(found, density), slow, means), True, (text,))
+        return Noise(_with_slow(np.maximum(white, density), slow, means), True, (text,))
     if np.all(ratio < 0.5):
         text = (
             f"the {sensor} data show only {ratio.max():.2g} of the noise stated in the plan, which is used all the same"
@@ -145,6 +147,16 @@ def slow_variance(means: Timed, plan: Plan, sensor: str) -> Array:
 def _with_slow(density: Array, slow: Array, means: SegmentMeans) -> Array:
     """White noise that the means of segments would scatter with as they do with slow noise too."""
     return np.sqrt(density**2 + slow * means.duration[:, None]) if slow.any() else density
+
+
+def _without_slow(found: Array, means: SegmentMeans, plan: Plan, sensor: str, gain: float) -> Array:
+    """White noise in the density found in the blocks of segments: less what is expected there of the slow noise stated."""
+    slow = slow_noise(plan, sensor)
+    if slow is None:
+        return found
+    turned = rates_of(means).sum(axis=1) * means.duration
+    inside = slow.blocks_density(means.duration, turned, BLOCKS) * gain**2
+    return np.asarray(np.sqrt(np.maximum(found**2 - inside, _LEAST_WHITE * found**2)))
 
 
 def slow_inside(means: Timed, plan: Plan, sensor: str) -> Array:
@@ -350,7 +362,7 @@ def result(
         covariance=covariance_rows(covariance),
         fit=fit,
         budget=budget,
-        noise=_noise_levels(means, plan),
+        noise=_noise_levels(means, plan, parameters),
         rig=plan.rig.texts() if plan is not None and plan.segment else {},
         environment=_environment(recording),
         site=record.Site(
@@ -367,23 +379,40 @@ def result(
     )
 
 
-def _noise_levels(means: SegmentMeans | None, plan: Plan | None) -> dict[Literal["accel", "gyro"], record.NoiseLevel]:
-    """White noise of each sensor: as found in the means, or as the plan states it where they cannot tell."""
+def _noise_levels(
+    means: SegmentMeans | None, plan: Plan | None, parameters: Sequence[record.Value]
+) -> dict[Literal["accel", "gyro"], record.NoiseLevel]:
+    """Noise of each sensor in the unit of its readings: white as found in the means, or as the plan states it where they cannot
+    tell; slow as the plan states it.
+    """
     kinds: tuple[tuple[Literal["accel", "gyro"], str], ...] = (("accel", "m/s^2"), ("gyro", "rad/s"))
     out: dict[Literal["accel", "gyro"], record.NoiseLevel] = {}
     for sensor, reading in kinds:
-        stated = plan.unit.noise.of(sensor) if plan is not None else None
-        x, y, z = (0.0, 0.0, 0.0)
+        gain = 1.0
+        if means is not None and sensor in means.counts:
+            scales = [abs(p.value) for p in parameters if p.name.startswith(f"{sensor}.scale_factor.")]
+            reading, gain = "count", float(np.mean(scales)) if scales else math.nan
+        stated = _stated(plan, sensor, "density", gain)
+        slow = {t: _stated(plan, sensor, t, gain) for t in ("instability", "walk")}
+        found = np.zeros(3)
         if means is not None and means.noise_degrees_of_freedom > 0 and sensor in means.density:
-            x, y, z = (float(v) for v in means.density[sensor])
-        counted = means is not None and sensor in means.counts
-        slow = {} if plan is None or counted else {t: plan.unit.noise.of(sensor, t) for t in ("instability", "walk")}
+            found = means.density[sensor]
+            if plan is not None and math.isfinite(gain):
+                found = _without_slow(found, means, plan, sensor, gain)
+        x, y, z = (float(v) for v in found)
         if min(x, y, z) > 0 and math.isfinite(x + y + z):
-            unit = "count" if counted else reading
-            out[sensor] = record.NoiseLevel(density=(x, y, z), unit=f"{unit}/sqrt(Hz)", origin="recording", **slow)
+            out[sensor] = record.NoiseLevel(density=(x, y, z), unit=f"{reading}/sqrt(Hz)", origin="recording", **slow)
         elif stated:
             out[sensor] = record.NoiseLevel(density=stated, unit=f"{reading}/sqrt(Hz)", origin="plan", **slow)
     return out
+
+
+def _stated(
+    plan: Plan | None, sensor: str, term: Literal["density", "instability", "walk"], gain: float
+) -> tuple[float, float, float] | None:
+    """Noise that a plan states, in the unit of readings with this gain, or None."""
+    each = plan.unit.noise.of(sensor, term) if plan is not None and math.isfinite(gain) else None
+    return None if each is None else (gain * each[0], gain * each[1], gain * each[2])
 
 
 def with_found_noise(

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from ..sensors.series import basis
 _EXACT = 64  # cells apart, from which the logarithm hardly bends within two of them
 _FINE = 16  # cells in a period of the highest harmonic: it is off by (pi / 16)^2 / 6
 _CELLS = 512  # at least
+_SEEN = 1e-9  # of the largest eigenvalue: what a part can tell, as in the sums
 _TURNS = 128.0
 """Turns beyond which variances go on as one over the turns (flicker noise) and over their square (random walk)."""
 
@@ -85,6 +87,32 @@ class SlowNoise:
         about = self.instability[axis] ** 2 * flicker[lag] + self.walk[axis] ** 2 * length * walk[lag]
         about = about - about.mean(axis=0) - about.mean(axis=1)[:, None] + about.mean()
         return np.asarray(about + self.mean_variance(np.array([duration]), whole)[0, axis])
+
+    def blocks_density(self, duration: Array, turning: Array, blocks: int) -> Array:
+        """What is expected of slow noise in the squared density that blocks of segments show, shape (3,).
+
+        That of :attr:`sagnac.observe.means.SegmentMeans.density`: residuals of the blocks' means about mean and drift and, where
+        an axis turns, cosine and sine, of all segments together.
+
+        Parameters
+        ----------
+        duration : ndarray, shape (n,), s
+        turning : ndarray, shape (n,), rad
+            By which the axis turns in a segment.
+        blocks : int
+            In each segment.
+        """
+        flicker, walk = kernels(blocks)
+        lag = np.abs(np.arange(blocks)[:, None] - np.arange(blocks))
+        x = (np.arange(blocks) + 0.5) / blocks - 0.5
+        squares, freedom = np.zeros(3), 0
+        for T, arc in zip(np.asarray(duration).tolist(), np.asarray(turning).tolist(), strict=True):
+            design = np.column_stack([np.ones(blocks), x, *([np.cos(arc * x), np.sin(arc * x)] if arc else [])])
+            left = np.eye(blocks) - design @ np.linalg.pinv(design)
+            length, own = T / blocks, blocks - design.shape[1]
+            seen = self.instability**2 * np.sum(left * flicker[lag]) + self.walk**2 * length * np.sum(left * walk[lag])
+            squares, freedom = squares + length * seen, freedom + own
+        return np.asarray(squares / freedom)
 
 
 def slow_noise(plan: Plan, sensor: str) -> SlowNoise | None:
@@ -161,13 +189,65 @@ def harmonics_covariance(
         terms = np.hstack([terms, (duration * x)[:, None] * terms[:, 1:]])
     size = np.linalg.norm(terms, axis=0)
     sums = np.linalg.pinv(terms / size) / size[:, None]
-    # the constant is the mean less what the other terms have of one, and the mean is a matter of the whole test
-    sums[0] -= 1.0 / cells
-    spectrum = np.fft.rfft(sums, 2 * cells)
-    out = []
-    for kernel, scale, fall in zip(kernels(cells), (1.0, duration / cells), (fewer, fewer**2), strict=True):
-        wave = np.fft.rfft(np.concatenate([kernel, [0.0], kernel[:0:-1]]))
-        smooth = np.fft.irfft(spectrum * wave, 2 * cells)[:, :cells]
-        both = scale * fall * (sums @ smooth.T)
-        out.append((both + both.T) / 2.0)
-    return out[0], out[1]
+    # the constant is the mean less what the other terms have of one, and the mean is a matter of the whole test; what they have
+    # falls with the turns as well
+    sums[0] = fewer * (sums[0] - 1.0 / cells)
+    flicker, walk = (sums @ smooth.T for smooth in _smoothed(sums))
+    return fewer * (flicker + flicker.T) / 2.0, fewer**2 * duration / cells * (walk + walk.T) / 2.0
+
+
+def _smoothed(sums: Array) -> list[Array]:
+    """Convolutions of rows (r, n) with both kernels, each (r, n)."""
+    n = sums.shape[1]
+    spectrum = np.fft.rfft(sums, 2 * n)
+    waves = [np.fft.rfft(np.concatenate([kernel, [0.0], kernel[:0:-1]])) for kernel in kernels(n)]
+    return [np.fft.irfft(spectrum * wave, 2 * n)[:, :n] for wave in waves]
+
+
+@lru_cache(maxsize=256)
+def scatter_density(
+    arc: float, duration: float, order: int, parts: int, *, extended: bool = False
+) -> tuple[float, float, int]:
+    """What is expected of slow noise in the slow scatter of a segment (:attr:`sagnac.observe.harmonic_sums.Fit.slow_squares`).
+
+    The scatter is that of the projections of the samples on the terms part by part, about one fit to all parts and a drift.
+
+    Parameters
+    ----------
+    arc : float, rad
+        Turn of the angle over the segment; where it starts makes no difference. Zero: a segment that does not turn.
+    duration : float, s
+    order : int
+    parts : int
+    extended : bool
+
+    Returns
+    -------
+    flicker, walk : float, s and s^2
+        Added to the squared density, for B = 1 and K = 1.
+    degrees_of_freedom : int
+    """
+    turns = min(abs(arc) / (2.0 * math.pi), _TURNS)
+    each = max(_CELLS, math.ceil(_FINE * order * turns)) // parts
+    cells = each * parts
+    x = (np.arange(cells) + 0.5) / cells - 0.5
+    terms = basis(2.0 * math.pi * turns * x, order) if arc else np.ones((cells, 1))
+    if extended and arc:
+        terms = np.hstack([terms, x[:, None] * terms[:, 1:]])
+    rows = []
+    for i in range(parts):
+        own = terms[i * each : (i + 1) * each]
+        left, size, _ = np.linalg.svd(own / np.linalg.norm(own, axis=0), full_matrices=False)
+        row = np.zeros((int(np.count_nonzero(size**2 > _SEEN * size[0] ** 2)), cells))
+        row[:, i * each : (i + 1) * each] = left[:, : len(row)].T
+        rows.append(row)
+    told = np.vstack(rows)
+    drift = np.repeat(x.reshape(parts, each).mean(axis=1), each)
+    design = told @ np.column_stack([terms, drift])
+    fitted, size, _ = np.linalg.svd(design / np.linalg.norm(design, axis=0), full_matrices=False)
+    fitted = fitted[:, size > _SEEN * size[0]]
+    told -= fitted @ (fitted.T @ told)
+    freedom = len(told) - fitted.shape[1]
+    flicker, walk = (float(np.sum(told * smooth)) for smooth in _smoothed(told))
+    length = duration / cells
+    return length * flicker / freedom, length**2 * walk / freedom, freedom

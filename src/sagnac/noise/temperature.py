@@ -137,7 +137,7 @@ def _told(axis: str, effect: Effect, reading: str, clear: Sequence[str]) -> Dist
             f"changed by {effect.change:.2g} K): taken off before the terms were found"
         )
     else:
-        text = f"{axis} follows the temperature by {value}: not clear enough to be taken off, as it was off {', '.join(clear)}"
+        text = f"{axis} may follow the temperature, by {value}: not clear enough to be taken off, as it was off {', '.join(clear)}"
     text += (
         "" if effect.told_apart else "; the temperature changed so steadily that it may be a drift with time as well"
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -66,6 +66,11 @@ class SegmentHarmonics:
         where nothing tells.
     noise_degrees_of_freedom : float
         How well `density` is known.
+    least_density : ndarray, shape (axes,), or None
+        What the white noise is no less than where slow noise is taken out of `density`: of axes whose density is that of the
+        slow part what there is from sample to sample (half the density where pulses are counted), of others the density.
+    louder : dict of str to float
+        Axes that are clearly noisier about the harmonics than from sample to sample, and how many times.
     residual_variance : ndarray, shape (n, axes)
         Of single samples.
     measured_rate, rate_sigma : ndarray, shape (n,), rad/s
@@ -100,6 +105,8 @@ class SegmentHarmonics:
     counts: frozenset[str] = frozenset()
     remarks: tuple[str, ...] = ()
     span: tuple[float, float] = (0.0, 0.0)
+    least_density: Array | None = None
+    louder: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -255,7 +262,7 @@ def _gather(
         # where some sensors count and others do not, that the former see a little less is no matter to the covariance
         both = undone[0] if counting.all() else np.eye(k)
         covariance[i, :k, :k] = both @ fit.unit_covariance @ both.T
-    density, dof, remarks = _noise(fits, interval, run.axes, counting)
+    density, least, dof, louder = _noise(fits, interval, run.axes, counting)
     variance = np.array([f.squares / f.degrees_of_freedom for f in fits])
     return SegmentHarmonics(
         segments=tuple(s.segment for s in seen),
@@ -278,11 +285,13 @@ def _gather(
         arm_known=np.full(n, run.column),
         counts=run.recording.counts,
         remarks=(
-            *remarks,
+            *([louder_remark(louder)] if louder else []),
             *(text for s in seen for _, text in gaps_inside(s.holes, [s.segment])),
             *_restless(variance, _EXACT * _power(fits), run),
         ),
         span=(run.told.first, run.told.last),
+        least_density=least,
+        louder=louder,
     )
 
 
@@ -305,8 +314,8 @@ def _averaging(terms: int, order: int, step: float) -> Array:
 
 def _noise(
     fits: Sequence[Fit], interval: Array, axes: Sequence[str], counting: NDArray[np.bool_]
-) -> tuple[Array, float, list[str]]:
-    """Density of each axis, the degrees of freedom it rests on, and remarks.
+) -> tuple[Array, Array, float, dict[str, float]]:
+    """Density of each axis and its least, the degrees of freedom it rests on, and axes that are louder about the harmonics.
 
     What pulses lose and win from sample to sample is little of the noise at the harmonics: of sensors that count them, the
     slow scatter alone tells.
@@ -315,20 +324,30 @@ def _noise(
     slow_dof = float(sum(f.slow_degrees_of_freedom for f in fits))
     quick = sum(f.squares * dt for f, dt in zip(fits, interval, strict=True)) / dof
     if not slow_dof:
-        return np.sqrt(quick), dof, []
+        return np.sqrt(quick), np.sqrt(quick), dof, {}
     slow = sum(f.slow_squares * dt for f, dt in zip(fits, interval, strict=True)) / slow_dof
     least = np.maximum(quick, _EXACT * interval.max() * _power(fits))
     louder = ~counting & (slow > (1.0 + CLEAR * math.sqrt(2.0 / slow_dof)) * least)
-    said = []
-    if louder.any():
-        times = math.sqrt(float(np.max(slow[louder] / least[louder])))
-        loud = ", ".join(a for a, more in zip(axes, louder, strict=True) if more)
-        said.append(
-            f"{loud}: up to {times:.2g} times as noisy about the harmonics as from sample to sample (disturbances that last, or "
-            "an angle that is not quite the one assumed); the larger noise is used"
-        )
+    told = {axes[k]: math.sqrt(float(slow[k] / least[k])) for k in np.flatnonzero(louder).tolist()}
     used = louder | counting
-    return np.sqrt(np.where(used, slow, quick)), slow_dof if used.any() else dof, said
+    density, white = np.sqrt(np.where(used, slow, quick)), np.sqrt(np.where(counting, slow / 4.0, quick))
+    return density, white, slow_dof if used.any() else dof, told
+
+
+def louder_remark(louder: Mapping[str, float], used: str = "the larger noise is used") -> str:
+    """A word on axes that are clearly noisier about the harmonics than from sample to sample.
+
+    Parameters
+    ----------
+    louder : mapping of str to float
+        Axes, and how many times.
+    used : str
+        What is made of it.
+    """
+    return (
+        f"{', '.join(louder)}: up to {max(louder.values()):.2g} times as noisy about the harmonics as from sample to sample "
+        f"(disturbances that last, or an angle that is not quite the one assumed); {used}"
+    )
 
 
 def _power(fits: Sequence[Fit]) -> Array:

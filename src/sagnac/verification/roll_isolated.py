@@ -3,7 +3,8 @@
 What the model leaves of the readings is resolved into lines: the mean of each gyro, the swing, the spin and twice the spin on
 gyros y and z; once and twice a turn, delay and scale between encoder and gyro x. Each line has a cause, see :data:`CAUSES`.
 Their amplitudes together pass or fail by one chi-square, with the covariance of the calibration, the noise of the new
-recording and what else differs from recording to recording (spin rate, drift of the biases, Earth rate).
+recording and what else differs from recording to recording (spin rate, drift of the biases, Earth rate). Slow noise that the
+plan states weighs as in the calibration, and has moved the biases since, see :func:`moved_variance`.
 
 The residual spectrum is searched for lines besides; those that lie at none of these frequencies are reported as well.
 """
@@ -20,14 +21,17 @@ from ..calibrate.roll_isolated import first_noise, nuisances, seen_noise, steady
 from ..calibrate.roll_isolated.model import RollModel
 from ..calibrate.roll_isolated.rows import Channel, Piece
 from ..calibrate.roll_isolated.start import Look, look
+from ..calibrate.slow import SlowNoise, slow_noise
 from ..calibration import Calibration
 from ..errors import DataError, InputError
 from ..estimate import Parameter, settle
+from ..files import sha256
 from ..frames import Array
 from ..observe.spectrum import SpectrumSums, find_lines, folded
 from ..plan import Plan
 from ..printed import printed
-from ..recording import Recording
+from ..recording import EPOCH, Recording
+from ..results import Source
 from ..rigs.roll_isolated import DELAY, ECCENTRICITY, HALF_ANGLE, PHASE
 from . import PASS, Check, Verification
 
@@ -46,6 +50,7 @@ CAUSES = {
 }
 """What may cause each line."""
 _NOTED = 3.0  # standard uncertainties from which a line is explained
+_LOUD = 1.5  # times what is stated, from which the noise is the data's own, as in the fit
 _UNITS = {"encoder 1x": "rad", "encoder 2x": "rad", "encoder delay": "s", "x scale": "1"}
 # parameters of the encoder's rows whose columns are lines there
 _IN_ENCODER = {
@@ -84,7 +89,8 @@ def verify(calibration: Calibration, recording: Recording, plan: Plan | None) ->
     seen = look(recording, plan)
     model, parameters = _settled(calibration, recording, plan, seen)
     lines = _Lines(model, {p.name: p.start for p in parameters}, seen)
-    amplitude, covariance, remarks = lines.solve(calibration, parameters)
+    known, remarks = _since(calibration, recording, plan, seen)
+    amplitude, covariance = lines.solve(calibration, known, parameters)
     from scipy.special import chdtrc
 
     chi2 = float(amplitude @ np.linalg.solve(covariance, amplitude))
@@ -118,8 +124,67 @@ def _settled(
     )
     parameters = settle(parameters, model.rows, max_iterations=2)
     model.rows(np.array([p.start for p in parameters]))
-    noise, _ = seen_noise(model, noise, stated)
-    return model.with_noise(noise), parameters
+    found, _ = seen_noise(model, noise, stated)
+    slow = slow_noise(plan, "gyro")
+    if slow is None:
+        return model.with_noise(found), parameters
+    if stated[0]:  # what slow noise leaves over is no more white noise than was stated
+        longest = max(s.count for s in seen.seen) * seen.interval
+        inside = slow.mean_variance(np.array([seen.interval]), longest)[0] * seen.interval
+        loud = found.gyro > _LOUD * np.sqrt(noise.gyro**2 + inside)
+        found = replace(found, gyro=np.where(loud, found.gyro, noise.gyro))
+    return replace(model.with_noise(found), slow=slow), parameters
+
+
+def _since(calibration: Calibration, recording: Recording, plan: Plan, seen: Look) -> tuple[Array, list[str]]:
+    """Covariance of the calibration at the time of a recording, whose biases slow noise has moved since, and a word on it."""
+    slow, out, remarks = slow_noise(plan, "gyro"), calibration.matrix.copy(), []
+    if slow is None:
+        return out, []
+    source = next((s for s in calibration.source if s.role == "recording"), Source(file=""))
+    first, last = seen.span
+    # as long as this one where nothing is said
+    start, stop = (first, last) if source.start is None or source.stop is None else (source.start, source.stop)
+    if not _one_clock(source, recording, first):
+        start, stop = first - (stop - start), first
+        remarks.append(
+            "how long ago the calibration was made is not known: the slow noise that the plan states is counted as if this "
+            "recording had followed at once. What a bias may have changed besides goes to unit.limits.gyro_drift"
+        )
+    names = list(calibration.values())
+    at = [names.index(f"gyro.bias.{a}") for a in "xyz"]
+    out[at, at] += moved_variance(slow, (start, stop), seen.span)
+    return out, remarks
+
+
+def _one_clock(source: Source, recording: Recording, now: float) -> bool:
+    """Whether the times of a calibration's recording and of another can be compared: of one file, or both since an epoch."""
+    if source.start is not None and min(source.start, now) > EPOCH:
+        return True
+    return source.sha256 is not None and recording.path is not None and source.sha256 == sha256(recording.path)
+
+
+def moved_variance(slow: SlowNoise, before: tuple[float, float], now: tuple[float, float]) -> Array:
+    """Variance of the difference of two means of slow noise, shape (3,).
+
+    Of the generalised covariance R of :mod:`sagnac.calibrate.slow` and intervals I and J, the sum of the means of R(t - s) over
+    I x I and J x J less twice that over I x J. These are second differences of what is R when differentiated twice,
+    ``-B^2 / pi (u^2 ln |u| / 2 - 3 u^2 / 4) - K^2 |u|^3 / 12``. For two means over T seconds whose middles are D >> T apart it
+    comes to ``2 B^2 / pi (ln(D / T) + 3 / 2) + K^2 (D - T / 3)``.
+
+    Parameters
+    ----------
+    slow : SlowNoise
+    before, now : tuple of float, s
+        Begin and end of either.
+    """
+    flicker = walk = 0.0
+    for (a, b), (c, d), times in ((before, before, 1.0), (now, now, 1.0), (before, now, -2.0)):
+        u = np.abs([b - c, a - d, a - c, b - d])
+        weight = times / ((b - a) * (d - c)) * np.array([1.0, 1.0, -1.0, -1.0])
+        flicker -= float(weight @ (u**2 * (np.log(np.where(u > 0, u, 1.0)) / 2.0 - 0.75))) / math.pi
+        walk -= float(weight @ u**3) / 12.0
+    return slow.instability**2 * flicker + slow.walk**2 * walk
 
 
 @dataclass(frozen=True)
@@ -191,8 +256,8 @@ class _Lines:
         }
         return out | {("twice spin", k): v for k, v in enumerate(((c2, s2), (-s2, c2), (c2, -s2), (s2, c2)))}
 
-    def solve(self, calibration: Calibration, parameters: tuple[Parameter, ...]) -> tuple[Array, Array, list[str]]:
-        """Amplitudes of the lines with their covariance, which contains that of the calibration."""
+    def solve(self, calibration: Calibration, known: Array, parameters: tuple[Parameter, ...]) -> tuple[Array, Array]:
+        """Amplitudes of the lines with their covariance, which contains the calibration's, `known`."""
         lines = [_key(*n) for n in self.names()]
         own = [p.name for p in parameters]
         names = (*lines, *own, *calibration.values())
@@ -202,21 +267,21 @@ class _Lines:
         rows = model.rows(x)
         m, k = len(lines), len(own)
         # errors of the calibration in units of their own standard deviations; fixed ones have none
-        size, axes = np.linalg.eigh(calibration.matrix / np.outer(*[_scale(calibration)] * 2))
+        size, axes = np.linalg.eigh(known / np.outer(*[_scale(calibration)] * 2))
         half = _scale(calibration)[:, None] * axes * np.sqrt(np.maximum(size, 0.0))
         prior = np.array([p.prior_sigma for p in parameters])
         design = np.hstack([rows.jacobian[:, : m + k], rows.jacobian[:, m + k :] @ half])
-        known = np.concatenate([np.zeros(m), 1.0 / prior, np.ones(half.shape[1])])
+        weights = np.concatenate([np.zeros(m), 1.0 / prior, np.ones(half.shape[1])])
         offset = np.concatenate([np.zeros(m), [p.start / s for p, s in zip(parameters, prior, strict=True)]])
-        stacked = np.vstack([design, np.diag(known)[known > 0]])
-        right = np.concatenate([rows.residual, np.append(offset, np.zeros(half.shape[1]))[known > 0]])
+        stacked = np.vstack([design, np.diag(weights)[weights > 0]])
+        right = np.concatenate([rows.residual, np.append(offset, np.zeros(half.shape[1]))[weights > 0]])
         weight = np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
         q, r = np.linalg.qr(stacked / weight)
         inverse = np.linalg.inv(r) / weight[:, None]
         solution = -inverse @ (q.T @ right)
         if not np.all(np.isfinite(solution)):
             raise DataError("the recording does not determine its own spin rates; nothing can be compared")
-        return solution[:m], (inverse @ inverse.T)[:m, :m], []
+        return solution[:m], (inverse @ inverse.T)[:m, :m]
 
     def checks(self, amplitude: Array, covariance: Array) -> tuple[Check, ...]:
         """One check a line."""
