@@ -24,8 +24,8 @@ import pyarrow as pa
 from pyarrow import parquet
 from scipy.signal import welch
 
-from sagnac.noise.allan import Pyramid, octaves, variances
-from sagnac.noise.spectrum import SpectrumPass
+from sagnac.noise.curves.allan import Pyramid, octaves, variances
+from sagnac.noise.curves.spectrum import SpectrumPass
 from sagnac.noise.study import study
 from sagnac.recording import open_recording
 

@@ -18,12 +18,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from sagnac import units
-from sagnac.noise import bound
-from sagnac.noise.allan import Variances, octaves, variances
-from sagnac.noise.identify import deviations, identify
+from sagnac.noise.curves.allan import Variances, octaves, variances
+from sagnac.noise.identification import bound
+from sagnac.noise.identification.identify import deviations, identify
+from sagnac.noise.identification.terms import FLOOR, TERMS, level
+from sagnac.noise.identification.terms import units as units_of
 from sagnac.noise.requirement import requirement
-from sagnac.noise.terms import FLOOR, TERMS, level
-from sagnac.noise.terms import units as units_of
 from sagnac.simulate.noise import AxisNoise, NoiseModel
 
 SAMPLES = 1 << 20

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from sagnac.calibrate import common, multi_position, norm
-from sagnac.plan import Noise, Rig
+from sagnac.calibrate.slow import SlowNoise, slow_noise
+from sagnac.observe.means import segment_means
+from sagnac.plan import Noise, Plan, Rig, Segment, Unit
+from sagnac.recording import from_arrays
 from sagnac.rigs.turntable import TableErrors
 from sagnac.simulate.noise import AxisNoise, NoiseModel
 from sagnac.simulate.plans import ICOSAHEDRON, table_plan
@@ -109,6 +112,67 @@ def test_the_calibration_names_the_slow_terms():
     found = norm.calibrate_means(readings(plan, FLICKER, 2), plan)
     assert found.noise["accel"].instability == pytest.approx((15 * UG,) * 3)
     assert found.noise["accel"].walk is None
+
+
+def test_slow_noise_alone_stated_is_not_counted_twice():
+    """Density as sixteen blocks of each segment show it, with what is expected there of the slow noise: the white noise again."""
+    both = STATED["walk"]
+    alone = both.model_copy(update={"accel": None})
+    plan = slow_plan(alone)
+    means = replace(readings(plan, WALK, 1), noise_degrees_of_freedom=300.0)
+    turned = np.array([s.turn_rate for s in plan.segment]) * means.duration
+    own = slow_noise(plan, "accel")
+    inside = own.blocks_density(means.duration, turned, 16)
+    loud = replace(means, density=means.density | {"accel": np.sqrt((20 * UG) ** 2 + inside)})
+    expected = common.noise_of(means, slow_plan(both), "accel").density
+    np.testing.assert_allclose(common.noise_of(loud, plan, "accel").density, expected, rtol=1e-9)
+    # all of it slow: half the density found is white at least
+    less = replace(means, density=means.density | {"accel": 0.5 * np.sqrt(inside)})
+    white = np.sqrt(inside / 16 + common.slow_variance(means, plan, "accel") * means.duration[:, None])
+    np.testing.assert_allclose(common.noise_of(less, plan, "accel").density, white, rtol=1e-9)
+
+
+def test_white_noise_beside_a_walk_is_found_in_blocks():
+    """60 segments of a minute at rest, a walk that doubles the power of their blocks: the white noise to five sampling errors."""
+    white, step, T = 20 * UG, 0.1, 60.0
+    walk = 20 * UG / math.sqrt(SlowNoise(np.zeros(3), np.ones(3)).blocks_density(np.array([T]), np.zeros(1), 16)[0])
+    time = (np.arange(60 * 600) + 0.5) * step
+    accel = np.random.default_rng(8).normal(size=(time.size, 3)) * white / math.sqrt(step)
+    for k in range(3):
+        AxisNoise(NoiseModel(walk=walk), step, 9, (k,)).add(accel[:, k])
+    spans = tuple(Segment(name=str(i), start=T * i, stop=T * (i + 1)) for i in range(60))
+    plan = Plan(latitude=0.8, unit=Unit(noise=Noise(accel_walk=walk)), segment=spans)
+    means = segment_means(from_arrays(time, accel + [0, 0, 9.8]), plan)
+    assert means.density["accel"] == pytest.approx(white * math.sqrt(2.0), rel=0.15)
+    slow = common.slow_variance(means, plan, "accel")[0] * T
+    found = np.sqrt(common.noise_of(means, plan, "accel").density[0] ** 2 - slow)
+    assert found == pytest.approx(white, rel=0.2)
+
+
+def test_raw_counts_have_their_slow_noise_on_record_in_counts():
+    """B and K as they have weighed: times the scale factor."""
+    gain, plan = 2.0e6, slow_plan(STATED["flicker"])
+    means = readings(plan, FLICKER, 2)
+    found = {"accel": np.full(3, 20 * UG), "gyro": np.full(3, 0.07 * DEG_H)}
+    means = replace(means, density=found, noise_degrees_of_freedom=300.0)
+    counted = replace(
+        means,
+        mean=means.mean | {"gyro": gain * means.mean["gyro"]},
+        density=means.density | {"gyro": gain * means.density["gyro"]},
+        counts=frozenset({"gyro"}),
+    )
+    of = {
+        c: multi_position.calibrate_means(m, plan, matrix="triangular").noise["gyro"]
+        for c, m in enumerate((means, counted))
+    }
+    assert of[1].unit == "count/sqrt(Hz)"
+    assert of[1].origin == of[0].origin == "recording"
+    assert of[1].instability == pytest.approx(tuple(gain * v for v in of[0].instability), rel=1e-2)
+    assert of[1].density == pytest.approx(tuple(gain * v for v in of[0].density), rel=1e-2)
+    blind = replace(counted, noise_degrees_of_freedom=0.0)
+    level = multi_position.calibrate_means(blind, plan, matrix="triangular").noise["gyro"]
+    assert (level.origin, level.unit) == ("plan", "count/sqrt(Hz)")
+    assert level.density == pytest.approx((gain * 0.06 * DEG_H,) * 3, rel=1e-2)
 
 
 def runs(method, kind, stated, count):

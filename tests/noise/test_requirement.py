@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sagnac.errors import InputError
-from sagnac.noise.allan import octaves, variances
-from sagnac.noise.identify import identify
+from sagnac.noise.curves.allan import octaves, variances
+from sagnac.noise.identification.identify import identify
 from sagnac.noise.requirement import requirement, smallest
 
 NOISE = {"white": 1.0, "instability": 0.1, "walk": 3e-3}

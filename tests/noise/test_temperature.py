@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sagnac.noise.blocks import Ledger
+from sagnac.noise.findings.blocks import Ledger
 from sagnac.noise.temperature import effects, taken_off
 from sagnac.simulate.noise import AxisNoise, NoiseModel
 

@@ -76,6 +76,20 @@ def test_raw_counts_stay_counts():
     assert [(r["x"], r["unit"]) for r in rows] == [("0.500", "count/√Hz")]
 
 
+def test_slow_noise_of_raw_counts_is_not_denied():
+    own = level(0.5, "count/sqrt(Hz)", origin="recording", instability=(0.2,) * 3, walk=(0.01,) * 3)
+    rows = table(section({"gyro": own}), CAPTION)
+    assert [(r["noise"], r["x"], r["unit"]) for r in rows[1:]] == [
+        ("bias instability", "0.200", "count"),
+        ("random walk", "0.0100", "count/√s"),
+    ]
+    # a record without it, of a plan that states it
+    plan = Plan(unit=Unit(noise=Noise(gyro_instability=0.02 * DEG_H)))
+    said = words(section({"gyro": level(0.5, "count/sqrt(Hz)", origin="recording")}, plan))
+    assert "No slow noise was stated" not in said
+    assert "Slow noise is in the weights" in said
+
+
 def test_no_noise_on_record_is_said():
     assert "No noise of the sensors is on record" in words(section({}))
 

@@ -382,17 +382,18 @@ def result(
 def _noise_levels(
     means: SegmentMeans | None, plan: Plan | None, parameters: Sequence[record.Value]
 ) -> dict[Literal["accel", "gyro"], record.NoiseLevel]:
-    """Noise of each sensor in the unit of its readings: white as found in the means, or as the plan states it where they cannot
-    tell; slow as the plan states it.
+    """Noise of each sensor in the unit of its readings.
+
+    White as found in the means, or as the plan states it where they cannot tell; slow as the plan states it.
     """
     kinds: tuple[tuple[Literal["accel", "gyro"], str], ...] = (("accel", "m/s^2"), ("gyro", "rad/s"))
     out: dict[Literal["accel", "gyro"], record.NoiseLevel] = {}
-    for sensor, reading in kinds:
-        gain = 1.0
+    for sensor, given in kinds:
+        reading, gain = given, 1.0
         if means is not None and sensor in means.counts:
             scales = [abs(p.value) for p in parameters if p.name.startswith(f"{sensor}.scale_factor.")]
             reading, gain = "count", float(np.mean(scales)) if scales else math.nan
-        stated = _stated(plan, sensor, "density", gain)
+        stated = _stated(plan, sensor, "", gain)
         slow = {t: _stated(plan, sensor, t, gain) for t in ("instability", "walk")}
         found = np.zeros(3)
         if means is not None and means.noise_degrees_of_freedom > 0 and sensor in means.density:
@@ -407,10 +408,8 @@ def _noise_levels(
     return out
 
 
-def _stated(
-    plan: Plan | None, sensor: str, term: Literal["density", "instability", "walk"], gain: float
-) -> tuple[float, float, float] | None:
-    """Noise that a plan states, in the unit of readings with this gain, or None."""
+def _stated(plan: Plan | None, sensor: str, term: str, gain: float) -> tuple[float, float, float] | None:
+    """Noise that a plan states (:meth:`sagnac.plan.Noise.of`), in the unit of readings with this gain, or None."""
     each = plan.unit.noise.of(sensor, term) if plan is not None and math.isfinite(gain) else None
     return None if each is None else (gain * each[0], gain * each[1], gain * each[2])
 

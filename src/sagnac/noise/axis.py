@@ -15,15 +15,15 @@ import numpy as np
 from .. import units
 from ..frames import Array
 from ..results import covariance_rows
-from .allan import Variances
-from .confidence import intervals
-from .disturbances import Disturbance
+from .curves.allan import Variances
+from .curves.confidence import intervals
+from .curves.spectrum import Density
+from .findings.disturbances import Disturbance
+from .findings.lines import Line, lines_in
 from .gather import Correction, Gathered, variances_of
-from .identify import Identified, Sought, deviations, seek
-from .lines import Line, lines_in
+from .identification.identify import Identified, Sought, deviations, seek
 from .page import density_of, units_of
 from .record import Axis, Curve, Limit, Spectrum, TermFit, TermValue, finite
-from .spectrum import Density
 
 Kind = Literal["allan", "modified", "hadamard"]
 

@@ -17,10 +17,10 @@ from .. import plan as plans
 from .. import units
 from ..errors import InputError
 from ..frames import Array
+from .identification.terms import TERMS
 from .page import term_name, units_of
 from .record import load
 from .requirement import Requirement, requirement, smallest
-from .terms import TERMS
 
 _SYMBOLS = {term.symbol: key for key, term in TERMS.items()} | {"T": "markov_time"}
 _READING = {"accel": "m/s^2", "gyro": "rad/s"}
@@ -39,8 +39,8 @@ class Expected:
     sensor : str
         ``accel`` or ``gyro``.
     coefficients : dict of str to float
-        By key of :data:`sagnac.noise.terms.TERMS`, SI. Of a plan those of the quietest axis, of a test those of the axis that
-        shows most terms.
+        By key of :data:`sagnac.noise.identification.terms.TERMS`, SI. Of a plan those of the quietest axis, of a
+        test those of the axis that shows most terms.
     """
 
     sensor: str

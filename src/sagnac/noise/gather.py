@@ -14,13 +14,13 @@ from ..errors import DataError
 from ..frames import Array
 from ..observe.samples import axis_names
 from ..recording import SENSORS, Batch, Recording
-from .allan import Ints, Variances
-from .blocks import Blocks, Ledger
-from .bridges import LEAST, SHORT, Losses, Run, losses, of_runs
-from .clock import Clock, usual_interval
-from .filled_spectrum import FilledSpectrum
-from .spectrum import Density
-from .streamed import Stream, Streamed
+from .curves.allan import Ints, Variances
+from .curves.bridges import LEAST, SHORT, Losses, Run, losses, of_runs
+from .curves.filled_spectrum import FilledSpectrum
+from .curves.spectrum import Density
+from .curves.streamed import Stream, Streamed
+from .findings.blocks import Blocks, Ledger
+from .findings.clock import Clock, usual_interval
 
 MEMORY = 2**31
 """Bytes of samples that are kept, by default; while an axis is worked on, its samples in a row and their sums come on top."""
@@ -156,7 +156,7 @@ def gather(
     ----------
     recording : Recording
     kinds : tuple of str
-        Of the pyramids, see :data:`sagnac.noise.allan.KINDS`.
+        Of the pyramids, see :data:`sagnac.noise.curves.allan.KINDS`.
     start, stop : float, s, optional
         Samples before and from here on are left out.
     memory : int

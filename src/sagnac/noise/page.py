@@ -12,7 +12,7 @@ import numpy as np
 from .. import units
 from ..frames import Array
 from ..printed import printed, probability
-from .terms import TERMS, density
+from .identification.terms import TERMS, density
 
 if TYPE_CHECKING:
     from .record import Axis, Noise
@@ -48,7 +48,7 @@ def units_of(key: str, name: str, reading: str) -> tuple[str, str]:
     """
     if reading == "count":
         return _COUNT[key]
-    from .terms import units as of_term
+    from .identification.terms import units as of_term
 
     return of_term(key, name.partition("_")[0])
 

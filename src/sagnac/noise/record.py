@@ -123,7 +123,7 @@ class Refused(Record):
 
 
 class Disturbed(Record):
-    """See :class:`sagnac.noise.disturbances.Disturbance`."""
+    """See :class:`sagnac.noise.findings.disturbances.Disturbance`."""
 
     kind: Found
     axis: str

@@ -14,10 +14,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..frames import Array
-from .evidence import THRESHOLD
-from .fit import Model, fit, judged, model
-from .model_covariance import whole
-from .terms import LINEAR, ORDER, TERMS, level, value
+from .identification.evidence import THRESHOLD
+from .identification.fit import Model, fit, judged, model
+from .identification.model_covariance import whole
+from .identification.terms import LINEAR, ORDER, TERMS, level, value
 
 _POWER = 1.6448536269514722
 """Standard uncertainties below the mean that 95 of 100 records lie above."""

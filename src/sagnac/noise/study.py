@@ -1,8 +1,8 @@
 """A noise test of all recorded axes: what ``sagnac noise`` does.
 
-One pass over the recording (:mod:`sagnac.noise.gather`), the disturbances in it (:mod:`sagnac.noise.disturbances`), the variances
-of each axis, and the terms that explain them (:mod:`sagnac.noise.identify`). An axis whose result a disturbance would make wrong
-is refused; the others are given.
+One pass over the recording (:mod:`sagnac.noise.gather`), the disturbances in it (:mod:`sagnac.noise.findings.disturbances`), the
+variances of each axis, and the terms that explain them (:mod:`sagnac.noise.identification.identify`). An axis whose result a
+disturbance would make wrong is refused; the others are given.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from ..errors import DataError, InputError
 from ..files import sha256
 from ..recording import Recording
 from ..results import Software, Source, now
-from . import disturbances as clues
-from .allan import KINDS
 from .axis import Judged, Kind, beyond, judge, record_of, shown_in
-from .bridges import MOST, SHORT
-from .disturbances import Disturbance
+from .curves.allan import KINDS
+from .curves.bridges import MOST, SHORT
+from .findings import disturbances as clues
+from .findings.disturbances import Disturbance
 from .gather import MEMORY, Gathered, gather, spectrum_of
 from .page import units_of
 from .record import Axis, Disturbed, Noise, Refused

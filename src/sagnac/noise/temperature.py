@@ -27,8 +27,8 @@ import numpy as np
 
 from ..frames import Array
 from .axis import shown_in
-from .blocks import Blocks
-from .disturbances import Disturbance
+from .findings.blocks import Blocks
+from .findings.disturbances import Disturbance
 from .gather import Correction
 
 _STRETCHES = 96
@@ -137,7 +137,10 @@ def _told(axis: str, effect: Effect, reading: str, clear: Sequence[str]) -> Dist
             f"changed by {effect.change:.2g} K): taken off before the terms were found"
         )
     else:
-        text = f"{axis} may follow the temperature, by {value}: not clear enough to be taken off, as it was off {', '.join(clear)}"
+        text = (
+            f"{axis} may follow the temperature, by {value}: not clear enough to be taken off, as it was off "
+            f"{', '.join(clear)}"
+        )
     text += (
         "" if effect.told_apart else "; the temperature changed so steadily that it may be a drift with time as well"
     )

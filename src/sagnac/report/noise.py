@@ -10,9 +10,9 @@ import numpy as np
 
 from .. import units
 from ..frames import Array
-from ..noise.identify import deviations as deviations_of
+from ..noise.identification.identify import deviations as deviations_of
+from ..noise.identification.terms import TERMS
 from ..noise.page import density_of
-from ..noise.terms import TERMS
 from .style import BLUE, GREEN, GREY, ORANGE, SMALL, TEXT, WIDTH, blank, clean, in_brackets, in_family, powers, title
 
 if TYPE_CHECKING:

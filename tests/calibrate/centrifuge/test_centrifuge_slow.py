@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from centrifuge_case import ACCEL_Z, ACCELS, ALL, DENSITY, RATE, Z, changed, plan
+from centrifuge_case import ACCEL_Z, ACCELS, ALL, DENSITY, RATE, Z, changed, on_rig, plan, record
 
 from sagnac.calibrate import common
 from sagnac.calibrate.centrifuge import calibrate_harmonics
-from sagnac.calibrate.centrifuge.prepare import prepare
+from sagnac.calibrate.centrifuge.prepare import harmonics_of, prepare
+from sagnac.calibrate.slow import scatter_density
 from sagnac.plan import Noise, Plan, Unit
+from sagnac.recording import from_arrays
 from sagnac.sensors.series import basis
 from sagnac.simulate.centrifuge import simulate_harmonics
 from sagnac.simulate.noise import AxisNoise, NoiseModel
@@ -72,9 +74,28 @@ def test_the_terms_with_tau_taken_out_leave_the_plain_ones_covariance():
 
 
 def test_the_closed_form_counts_it_too():
+    """What it adds to the covariance is that of the coefficients through the derivatives, by differences of the result."""
     quiet, loud = plan(), stating(plan(), accel_instability=3 * UG)
-    few, many = (calibrate_harmonics(drawn(quiet), p, closed_form=True) for p in (stating(quiet), loud))
-    assert many["accel.bias.z"].standard_uncertainty > few["accel.bias.z"].standard_uncertainty
+    run = drawn(quiet)
+    few, many = (calibrate_harmonics(run, p, closed_form=True) for p in (stating(quiet), loud))
+
+    def values(step, i, k):
+        moved = run.coefficient.copy()
+        moved[i, 0, k] += step
+        found = calibrate_harmonics(replace(run, coefficient=moved), stating(quiet), closed_form=True)
+        return np.array([p.value for p in found.parameters])
+
+    step, slow = 1e-4, task_of(loud, run).slow[:, 0]
+    added = np.zeros_like(many.matrix)
+    for i in range(len(run.segments)):
+        slopes = np.stack(
+            [(values(step, i, k) - values(-step, i, k)) / (2 * step) for k in range(slow.shape[-1])], axis=1
+        )
+        added += slopes @ slow[i] @ slopes.T
+    np.testing.assert_allclose(np.diag(many.matrix - few.matrix), np.diag(added), rtol=1e-4)
+    # the bias is that of all means, and hardly anything of the harmonics
+    k = [p.name for p in many.parameters].index("accel.bias.z")
+    assert added[k, k] > 0.2 * slow[:, 0, 0].mean()
 
 
 def test_found_noise_is_named_and_slow_noise_with_it():
@@ -83,6 +104,70 @@ def test_found_noise_is_named_and_slow_noise_with_it():
     assert level.origin == "recording"
     assert level.density == pytest.approx((DENSITY["accel"],) * 3, rel=0.1)
     assert level.walk == pytest.approx((1e-3 * UG,) * 3)
+
+
+# -------------------------------------------------------------------------------------- the noise found in samples
+
+WHITE = DENSITY["accel"]
+LOUDER = "times as noisy about the harmonics as from sample to sample"
+
+
+def walking(given, walk):
+    """Samples of three turns in each of 18 segments whose bias walks, found without a plan that states so."""
+    recording = record(given)
+    (batch,) = recording.batches()
+    noise = np.zeros(batch.time.size)
+    AxisNoise(NoiseModel(walk=walk), 1e-3, 2, (2,)).add(noise)
+    return harmonics_of(from_arrays(batch.time, single={"accel_z": batch.single["accel_z"] + noise}), given)
+
+
+@pytest.fixture(scope="module")
+def restless():
+    given = plan(NINE + NINE[::-1], hold=6.0)
+    return given, walking(given, 8 * UG)
+
+
+def white_and_remarks(given, run, **noise):
+    # where no slow noise is stated, the rates would be taken for other ones
+    given = on_rig(given, rate_uncertainty=1e-5)
+    task, remarks = prepare(run, given.model_copy(update={"unit": Unit(noise=Noise(**noise))}), None, None, None)
+    return math.sqrt(task.variance[0, 0] * run.interval[0]), [r for r in remarks if LOUDER in r]
+
+
+def test_slow_noise_alone_stated_is_not_counted_twice(restless):
+    """The density found has what is expected of the walk taken out, but not below what there is from sample to sample."""
+    given, run = restless
+    ((axis, times),) = run.louder.items()
+    assert axis == "accel_z"
+    assert times > 1.3
+    assert run.density[0] == pytest.approx(times * run.least_density[0])
+    assert run.least_density[0] == pytest.approx(WHITE, rel=0.05)
+    white, remarks = white_and_remarks(given, run, accel_walk=8 * UG)
+    turns = (run.rate * run.duration).tolist()
+    parts = [scatter_density(arc, 6.0, run.order, 16, extended=run.extended) for arc in turns]
+    inside = (8 * UG) ** 2 * np.mean([walk for _, walk, _ in parts])
+    least = run.least_density[0] ** 2
+    assert white == pytest.approx(math.sqrt(max(run.density[0] ** 2 - inside, least)), rel=1e-3)
+    assert white == pytest.approx(WHITE, rel=0.15)
+    assert remarks == []
+    # far more is stated than there is: no less white noise than from sample to sample
+    assert white_and_remarks(given, run, accel_walk=100 * UG)[0] == run.least_density[0]
+
+
+def test_what_slow_noise_explains_is_no_larger_noise(restless):
+    given, run = restless
+    assert white_and_remarks(given, run, accel=WHITE, accel_walk=8 * UG) == (pytest.approx(WHITE), [])
+    # stated as white noise alone: the remark says which noise is used
+    assert (LOUDER in run.remarks[0], "the larger noise is used" in run.remarks[0]) == (True, True)
+    white, (remark,) = white_and_remarks(given, run)
+    assert white == pytest.approx(run.density[0])
+    assert remark == run.remarks[0]
+    white, (remark,) = white_and_remarks(given, run, accel=0.9 * run.density[0])
+    assert white == pytest.approx(0.9 * run.density[0])
+    assert remark.endswith("the noise stated in the plan is used")
+    white, (remark,) = white_and_remarks(given, run, accel=0.1 * run.density[0])
+    assert white == pytest.approx(run.density[0])
+    assert remark.endswith("the larger noise is used")
 
 
 # ------------------------------------------------------------------------------------------------------ statistics

@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from ...errors import DataError, InputError
 from ...frames import Array
-from ...observe.harmonics import SegmentHarmonics, segment_harmonics
+from ...observe.harmonics import SegmentHarmonics, louder_remark, segment_harmonics
 from ...observe.rig_angles import arm_remarks
+from ...observe.sums import BLOCKS
 from ...plan import Plan
 from ...recording import Recording
 from ...rigs.centrifuge import Arm
 from ...sensors.series import basis
 from .. import common
-from ..slow import harmonics_covariance, slow_noise
+from ..slow import harmonics_covariance, scatter_density, slow_noise
 from .prior import Prior
 from .task import Task, sensor_axes, without_tau
 
@@ -113,7 +114,9 @@ def prepare(
     """
     _refuse_unfit(harmonics, plan)
     columns = _columns(harmonics, sensors)
-    remarks = [*harmonics.remarks, *common.gravity_remarks(plan)]
+    # which noise is used is said where it is chosen
+    general = louder_remark(harmonics.louder) if harmonics.louder else None
+    remarks = [*(r for r in harmonics.remarks if r != general), *common.gravity_remarks(plan)]
     told = frozenset(prior.names if prior is not None else ())
     if prior is not None:
         prior = _in_gimbals(prior, columns)
@@ -222,23 +225,62 @@ def _noise(harmonics: SegmentHarmonics, plan: Plan, columns: Sequence[str], rema
     dof = harmonics.noise_degrees_of_freedom
     usable = dof > 0 and bool(np.all(np.isfinite(found))) and bool(np.any(found > 1e-12 * size.max()))
     stated = np.array([_stated(plan, c) for c in columns])
-    density = np.where(np.isfinite(stated), stated, found if usable else _NOMINAL * np.maximum(size, 1e-6 * size.max()))
-    if usable and np.isfinite(stated).any():
-        limit = max(1.5, float(np.sqrt(1.0 + 5.0 * np.sqrt(2.0 / dof))))
-        expected = np.sqrt(stated**2 + _slow_inside(harmonics, plan, columns))
-        loud = np.flatnonzero(found > limit * expected).tolist()
-        density[loud] = found[loud]
-        remarks += [
-            f"{columns[k]} shows {found[k] / expected[k]:.2g} times the noise stated in the plan: the data's own is used"
-            for k in loud
-        ]
-    return density**2 / interval, usable or bool(np.all(np.isfinite(stated)))
+    if not usable:
+        density = np.where(np.isfinite(stated), stated, _NOMINAL * np.maximum(size, 1e-6 * size.max()))
+        return density**2 / interval, bool(np.all(np.isfinite(stated)))
+    least = found if harmonics.least_density is None else harmonics.least_density[at]
+    inside = _slow_inside(harmonics, plan, columns)
+    limit = max(1.5, float(np.sqrt(1.0 + 5.0 * np.sqrt(2.0 / dof))))
+    expected = np.sqrt(np.where(np.isfinite(stated), stated, least) ** 2 + inside)
+    loud = np.isfinite(stated) & (found > limit * expected)
+    own = loud | ~np.isfinite(stated)
+    remarks += _louder_remarks(harmonics, columns, own, (inside > 0) & (found <= limit * expected))
+    remarks += [
+        f"{columns[k]} shows {found[k] / expected[k]:.2g} times the noise stated in the plan: the data's own is used"
+        for k in np.flatnonzero(loud).tolist()
+    ]
+    # of the slow scatter, which the least is less than, slow noise has its part, and is counted for itself
+    white = np.sqrt(np.maximum(found**2 - _slow_expected(harmonics, plan, columns), np.minimum(least, found) ** 2))
+    return np.where(own, white, stated) ** 2 / interval, True
+
+
+def _louder_remarks(harmonics: SegmentHarmonics, columns: Sequence[str], own: Flags, explained: Flags) -> list[str]:
+    """A word on axes that are noisier about the harmonics than the slow noise stated explains, and the noise used of them."""
+    out = []
+    for used, words in ((own, "the larger noise is used"), (~own, "the noise stated in the plan is used")):
+        loud = {
+            c: harmonics.louder[c]
+            for c, here in zip(columns, used & ~explained, strict=True)
+            if here and c in harmonics.louder
+        }
+        out += [louder_remark(loud, words)] if loud else []
+    return out
 
 
 def _slow_inside(harmonics: SegmentHarmonics, plan: Plan, columns: Sequence[str]) -> Array:
     """What slow noise adds to the squared density found in parts of segments, at most, (m,)."""
     by_sensor = {s: common.slow_inside(harmonics, plan, s) for s in dict.fromkeys(c.partition("_")[0] for c in columns)}
     return np.array([by_sensor[c.partition("_")[0]]["xyz".index(c[-1])] for c in columns])
+
+
+def _slow_expected(harmonics: SegmentHarmonics, plan: Plan, columns: Sequence[str]) -> Array:
+    """What is expected of slow noise in the squared density of the slow scatter, of all segments together, (m,)."""
+    stated = {s: slow_noise(plan, s) for s in ("accel", "gyro")}
+    if all(stated[c.partition("_")[0]] is None for c in columns):
+        return np.zeros(len(columns))
+    parts = [
+        # rates that are found differ by next to nothing, and what is computed for one serves all
+        scatter_density(round(rate * T, 3), round(T, 6), harmonics.order, BLOCKS, extended=harmonics.extended)
+        for rate, T in zip(harmonics.rate.tolist(), harmonics.duration.tolist(), strict=True)
+    ]
+    flicker, walk, freedom = np.array(parts).T
+    weight = freedom / freedom.sum()
+    out = np.zeros(len(columns))
+    for j, c in enumerate(columns):
+        noise, k = stated[c.partition("_")[0]], "xyz".index(c[-1])
+        if noise is not None:
+            out[j] = noise.instability[k] ** 2 * (weight @ flicker) + noise.walk[k] ** 2 * (weight @ walk)
+    return out
 
 
 def _slow(harmonics: SegmentHarmonics, plan: Plan, *, extended: bool) -> Array | None:

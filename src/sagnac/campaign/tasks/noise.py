@@ -8,10 +8,10 @@ import numpy as np
 
 from ...errors import InputError
 from ...frames import Array
-from ...noise.allan import octaves, variances
-from ...noise.bound import information
-from ...noise.identify import identify
-from ...noise.terms import level, units
+from ...noise.curves.allan import octaves, variances
+from ...noise.identification.bound import information
+from ...noise.identification.identify import identify
+from ...noise.identification.terms import level, units
 from ...plan import Segment
 from ...recording import SENSORS, sample_interval
 from ...sensors import AXES
@@ -85,7 +85,7 @@ def run(scenario: Scenario, options: Options, seed: int) -> Outcome:  # noqa: AR
     Raises
     ------
     DataError, InputError
-        As :func:`sagnac.noise.identify.identify` does, and when nothing rests.
+        As :func:`sagnac.noise.identification.identify.identify` does, and when nothing rests.
     """
     built = build(scenario, seed)
     rest = _rest(scenario)
@@ -163,7 +163,7 @@ def _truth(built: Built) -> dict[str, float]:
 
 
 def _coefficients(model: NoiseModel) -> dict[str, float]:
-    """What is there, by the keys of :mod:`sagnac.noise.terms`; of several Gauss-Markov processes none has a name."""
+    """What is there, by the keys of the terms that are identified; of several Gauss-Markov processes none has a name."""
     out = {"white": model.density, "instability": model.instability, "walk": model.walk}
     if len(model.markov) == 1:
         out |= dict(zip(("markov", "markov_time"), model.markov[0], strict=True))

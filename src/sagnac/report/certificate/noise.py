@@ -84,9 +84,17 @@ def _words(calibration: Calibration, plan: Plan | None) -> list[str]:
     )
     if told:
         out.append("White noise that the plan states has weighed the data, unless a remark says otherwise.")
-    slow = any(max(v) > 0 for level in own.values() for v in (level.instability, level.walk) if v is not None)
+    slow = any(_slow(sensor, level, plan) for sensor, level in own.items())
     if slow and not by_hand(calibration):
         out.append("Slow noise is in the weights, and with them in the uncertainties.")
     if own and not slow:
         out.append("No slow noise was stated: the uncertainties have of it what the scatter of the data shows.")
     return out
+
+
+def _slow(sensor: str, level: NoiseLevel, plan: Plan | None) -> bool:
+    """Whether slow noise of a sensor was stated: it stands in the record, or of raw counts perhaps in the plan alone."""
+    stated = [level.instability, level.walk]
+    if plan is not None:
+        stated += [plan.unit.noise.of(sensor, term) for term in ("instability", "walk")]
+    return any(max(v) > 0 for v in stated if v is not None)

@@ -1,0 +1,1 @@
+"""What disturbs a noise test: lost samples, faulty channels, steps, drifts and lines."""

@@ -1,0 +1,1 @@
+"""Noise coefficients from a curve: terms, their covariance, evidence, intervals and bounds."""
