@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from sagnac.calibrate import calibrate
 from sagnac.errors import DataError
 from sagnac.observe.means import segment_means
-from sagnac.observe.rig_angles import arm_remarks
+from sagnac.observe.rig_angles import RigAngles, arm_remarks
 from sagnac.plan import Plan, Rig, Segment
 from sagnac.recording import from_arrays
 
@@ -185,3 +186,181 @@ def test_the_arm_of_a_centrifuge():
     )
     with pytest.raises(DataError, match="segment '1': the column arm stands at 100 deg .* different zeros"):
         arm_remarks(segments, angle + 90 * DEG, mid, rate, known, 0.0)
+
+
+STILL = [0.0] * len(SETTINGS)
+
+
+def at_rest(settings=SETTINGS):
+    return angles(settings, [0.0] * len(settings))
+
+
+def rounded(shown, step):
+    """As an encoder with that step, deg, shows it."""
+    return np.round(shown / (step * DEG)) * step * DEG
+
+
+@pytest.mark.parametrize(
+    ("rate", "step"), [(15 / 3600, 0.001), (15 / 3600, 0.01), (15 / 3600, 0.1), (0.05, 0.1), (0.1, 0.1), (0.5, 0.1)]
+)
+def test_a_slow_turn_is_not_judged_finer_than_the_column_shows_it(rate, step):
+    rates = [0, 0, 0, 0, 0, rate, 0]
+    time, shown = angles(rates=rates)
+    assert said(segment_means(recording(rounded(shown, step), time), plan(rates=rates))) == []
+
+
+def test_a_slow_turn_of_the_other_sense_is_refused_once_the_column_shows_it():
+    rates = [0, 0, 0, 0, 0, 0.1, 0]  # 1 deg in 10 s
+    time, shown = angles(rates=rates)
+    with pytest.raises(DataError, match=r"turns outer at -0\.1 deg/s, the rig recorded 0\.[01].* is reversed"):
+        segment_means(recording(rounded(shown, 0.01), time), plan(rates=[-r for r in rates]))
+
+
+@pytest.mark.parametrize(("rate", "hold"), [(100, 1.0), (200, 1.0), (300, 0.5), (400, 0.5), (20, 0.25)])
+def test_a_column_that_is_held_between_its_readings(rate, hold):
+    """More than half a turn within a hold: two rates a turn a hold apart look the same, and neither is refused."""
+    rates = [0, 0, 0, 0, 0, rate, 0]
+    time, shown = angles(rates=rates)
+    read_at = np.searchsorted(time, np.floor(time / hold + 1e-9) * hold - 1e-6)
+    assert said(segment_means(recording(shown[read_at], time), plan(rates=rates))) == []
+
+
+def test_a_turn_that_the_column_does_not_show_is_refused():
+    time, shown = angles(rates=STILL)
+    with pytest.raises(DataError, match=r"turns outer at 20 deg/s, the rig recorded 0 deg/s"):
+        segment_means(recording(shown, time), plan())
+
+
+@pytest.mark.parametrize(("samples", "value", "shows"), [(1, 0.0, "0 deg"), (3, 0.0, "0 deg"), (1, 1e6, "5.72958e.07")])
+def test_bad_samples_of_an_encoder_are_told_with_time_and_value(samples, value, shows):
+    time, shown = at_rest()
+    at = int(np.searchsorted(time, 47.0 - 1e-9))
+    shown[at : at + samples, 0] = value
+    (told,) = said(segment_means(recording(shown, time), plan(rates=STILL)))
+    assert f"outer as the rig recorded it jumps in segment '4': {shows.replace('e.', 'e+')} " in told
+    assert "at 47 s" in told
+
+
+def test_bad_samples_of_a_turning_axis_do_not_change_its_rate():
+    time, shown = angles()
+    shown[np.searchsorted(time, 79.0), 0] = 0.0  # a second before the end of the turn
+    assert said(segment_means(recording(shown, time), plan())) == []
+
+
+def test_an_encoder_that_is_elsewhere_for_a_tenth_of_a_segment_is_refused():
+    time, shown = at_rest()
+    at = int(np.searchsorted(time, 47.0))
+    shown[at : at + 20, 0] = 0.0
+    with pytest.raises(
+        DataError, match=r"goes from 0 deg to 120 deg within segment '4': it moved, or 10 % of the column"
+    ):
+        segment_means(recording(shown, time), plan(rates=STILL))
+
+
+@pytest.mark.parametrize("step", [0.05, 0.1, 0.2])
+def test_another_zero_shows_in_a_coarse_column_too(step):
+    settings = [(o + 0.0313 * i, m + 0.0171 * i, n) for i, (o, m, n) in enumerate(SETTINGS)]
+    time, shown = at_rest(settings)
+    shown[:, 0] += 30.03 * DEG
+    found = said(segment_means(recording(rounded(shown, step), time), plan(settings, STILL)))
+    # the mean of what rounding leaves is within half a step
+    text = next(t for t in found if "counts from another zero" in t)
+    assert float(text.split("it is ")[1].split(" deg")[0]) == pytest.approx(30.03, abs=step / 2)
+
+
+def test_rounding_to_whole_degrees_is_no_disagreement_but_a_typing_error_is():
+    settings = [(o + 0.13 * i, m + 0.17 * i, n) for i, (o, m, n) in enumerate(SETTINGS)]
+    time, shown = at_rest(settings)
+    coarse = recording(rounded(shown, 1.0), time, columns=("outer", "middle"))
+    assert said(segment_means(coarse, plan(settings, STILL))) == []
+    # settings that lie on the raster themselves are not rounded: a degree is a degree
+    time, shown = at_rest()
+    with pytest.raises(DataError, match=r"'3': the plan says middle 0\.4 deg"):
+        segment_means(recording(shown, time), plan(changed({(2, 1): 0.4}), STILL))
+
+
+def test_two_segments_that_agree_show_another_zero_and_one_does_not():
+    time, shown = at_rest(SETTINGS[:2])
+    shown[:, 0] += 30.0 * DEG
+    (told,) = said(segment_means(recording(shown, time), plan(SETTINGS[:2], STILL[:2])))
+    assert "outer as the rig recorded it is 30 deg more than the plan says, in all segments" in told
+    time, shown = at_rest(SETTINGS[:1])
+    with pytest.raises(DataError, match="the plan says outer 0 deg, the rig recorded 30 deg"):
+        segment_means(recording(shown + 30.0 * DEG * np.array([1, 0, 0]), time), plan(SETTINGS[:1], STILL[:1]))
+
+
+def test_angles_near_zero_do_not_look_like_another_unit():
+    zeros = [(0, 0, 0)] * 6
+    time, shown = at_rest(changed({(2, 0): 5.0}, zeros))
+    with pytest.raises(DataError, match=r"outer 0 deg, the rig recorded 5 deg: the position was not the planned one"):
+        segment_means(recording(shown, time), plan(zeros, STILL[:6], sigma=0))
+
+
+def test_a_reversed_axis_with_another_zero_is_named_so():
+    time, shown = at_rest()
+    shown[:, 0] = 40 * DEG - shown[:, 0]
+    with pytest.raises(DataError, match=r"outer counts the other way .*, and from another zero \(40 deg\)"):
+        segment_means(recording(shown, time), plan(rates=STILL))
+
+
+def test_a_constant_angle_of_an_axis_that_never_moves_may_be_a_unit_that_is_turned():
+    never = [(o, m, 0) for o, m, _ in SETTINGS]
+    time, shown = at_rest(never)
+    shown[:, 2] += math.pi
+    (told,) = said(segment_means(recording(shown, time), plan(never, STILL)))
+    assert "Make sure of it: the plan never sets inner to another angle" in told
+    time, shown = at_rest()
+    shown[:, 2] += math.pi
+    (told,) = said(segment_means(recording(shown, time), plan(rates=STILL)))
+    assert "Make sure" not in told
+
+
+def test_what_hardly_rests_on_the_angles_is_told_of_them():
+    rng = np.random.default_rng(3)
+    settings = [tuple(v + rng.uniform(-2, 2) for v in s) for s in SETTINGS]
+    off = plan(settings, STILL)
+    time, shown = at_rest()
+    with pytest.raises(DataError, match="the position was not the planned one"):
+        segment_means(recording(shown, time), off)
+    (told,) = said(segment_means(recording(shown, time), off, rig="tell"))
+    assert "more segments disagree): the position was not the planned one" in told
+    assert "state rig.angle_uncertainty" in told
+    # its rates, and that an axis rests, it does rest on
+    with pytest.raises(DataError, match="is reversed"):
+        segment_means(recording(), plan(rates=[-r for r in RATES]), rig="tell")
+    with pytest.raises(DataError, match="beside its rest"):
+        segment_means(recording(), plan(rates=STILL, shift=2.0, settings=changed({(5, 0): 110})), rig="tell")
+
+
+@pytest.mark.parametrize(
+    ("method", "rig"),
+    [("norm", "tell"), ("table", "refuse"), ("multi-position", "refuse"), ("four-position", "refuse")],
+)
+def test_which_methods_rest_on_the_angles(method, rig, monkeypatch):
+    def seen(recording, plan, rig="refuse"):
+        raise DataError(f"asked to {rig}")
+
+    monkeypatch.setattr("sagnac.observe.means.segment_means", seen)
+    with pytest.raises(DataError, match=f"asked to {rig}"):
+        calibrate(method, recording(), plan())
+
+
+def test_one_pass_or_many_say_the_same():
+    time, shown = angles(rates=[0, 0, 0, 0, 0, 200, 0])
+    shown[300, 1] = 1.0
+    shown += 1e-5 * np.random.default_rng(2).normal(size=shown.shape)
+    given = plan(rates=[0, 0, 0, 0, 0, 200.1, 0])
+    run = recording(np.mod(shown, 2 * np.pi), time)
+    texts = []
+    for size in (7, 150, time.size):
+        one = RigAngles(run, given)
+        for k in range(0, time.size, size):
+            part = slice(k, k + size)
+            one.add(
+                time[part], {c: np.mod(shown[part, j], 2 * np.pi) for j, c in enumerate(("outer", "middle", "inner"))}
+            )
+        texts.append(one.remarks())
+    assert len(texts[0]) == 2
+    assert "middle as the rig recorded it jumps in segment '2': 57.29" in texts[0][0]
+    assert "deg/s, the plan says 200.1 deg/s; the plan's is used" in texts[0][1]
+    assert [t[:60] for t in texts[0]] == [t[:60] for t in texts[1]] == [t[:60] for t in texts[2]]

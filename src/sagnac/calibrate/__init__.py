@@ -122,7 +122,8 @@ def _on_table(method: str, recording: Recording, plan: Plan, matrix: str, robust
     from ..observe.means import segment_means
     from . import four_position, multi_position, norm, table
 
-    means = segment_means(recording, plan)
+    # norm takes next to nothing from the angles
+    means = segment_means(recording, plan, rig="tell" if method == "norm" else "refuse")
     try:
         if method == "multi-position":
             return multi_position.calibrate_means(means, plan, matrix=matrix, recording=recording, robust=robust)

@@ -9,6 +9,7 @@ tilt, which come round once a turn.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -16,13 +17,13 @@ from ..errors import DataError
 from ..frames import Array
 from ..plan import Plan, Segment
 from ..recording import GAP, SENSORS, Batch, Recording, sample_interval
+from .lattice import common_step
 from .rig_angles import RigAngles
 from .samples import axis_names, gaps_inside, refuse_outside, refuse_saturated
 from .sums import BLOCKS, Sums
 
 _DITHERED = 0.4  # noise, in steps of the converter, from which averaging takes the rounding away
 _FINEST_STEP = 1e-5  # of the range: a converter of 17 bits
-_TELLING = 4  # different values from which a common step is no accident
 _WARMED = 3.0  # K
 _MOVING = 100.0  # times the usual noise, and
 _MOVED = 1e-3  # of the range over all segments: no noise
@@ -94,13 +95,15 @@ def _pulse_variance(pulse: Array) -> Array:
     return np.asarray(pulse**2 / 6.0)
 
 
-def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
+def segment_means(recording: Recording, plan: Plan, rig: Literal["refuse", "tell"] = "refuse") -> SegmentMeans:
     """Means of every segment of a plan.
 
     Parameters
     ----------
     recording : Recording
     plan : Plan
+    rig : {"refuse", "tell"}
+        What to do where the rig recorded other angles than the plan's: methods whose result hardly rests on them tell.
 
     Returns
     -------
@@ -110,7 +113,7 @@ def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
     ------
     DataError
         When a segment lies outside the data or holds no sample, an axis is saturated, or the rig's own angles, where they were
-        recorded, are not the plan's (:mod:`.rig_angles`).
+        recorded, are not the plan's (:mod:`.rig_angles`); rates, and axes that do not rest, whatever `rig` says.
     InputError
         When a sample cannot be read (see :meth:`Recording.batches`), or a triad lacks an axis.
     """
@@ -139,7 +142,7 @@ def segment_means(recording: Recording, plan: Plan) -> SegmentMeans:
                 part.add(time[i:j], values[i:j], interval if np.isfinite(interval) else np.inf)
     refuse_outside(recording.name, sums, float(first), last, interval)
     refuse_saturated(recording.name, sums, axis_names(recording))
-    of_rig = angles.remarks()
+    of_rig = angles.remarks(tell=rig == "tell")
     found = _gather(recording, sums, sensors, interval, gaps, (float(first), last))
     return replace(found, remarks=(*found.remarks, *_warmth_remarks(warmth), *of_rig))
 
@@ -237,20 +240,13 @@ def _rounding_remarks(rounded: Array, noise: Array, recording: Recording, sensor
 def _lattice(extremes: Array) -> Array:
     """Step of which all readings are whole multiples apart (axes,); infinite where there is none, or too few to tell.
 
-    Readings that stay constant in each segment show their rounding only from segment to segment: the greatest common divisor
-    of their differences (Euclid, with room for rounding in the last place).
+    Readings that stay constant in each segment show their rounding only from segment to segment.
     """
     out = np.full(extremes.shape[-1], np.inf)
     for k in range(out.size):
-        values = np.unique(extremes[..., k])
-        if values.size < _TELLING:
-            continue
-        span = float(values[-1] - values[0])
-        step = 0.0
-        for difference in np.diff(values):
-            while difference > 1e-8 * span:
-                step, difference = float(difference), step % difference if step else 0.0  # noqa: PLW2901 - Euclid's swap
-        out[k] = step if step > _FINEST_STEP * span else np.inf
+        step = common_step(extremes[..., k])
+        if step > _FINEST_STEP * float(np.ptp(extremes[..., k])):
+            out[k] = step
     return out
 
 

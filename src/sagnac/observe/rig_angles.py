@@ -3,14 +3,13 @@
 The settings that a method knows the input from are those of the plan. A recording may carry the angles that the table shows
 (columns ``outer``, ``middle``, ``inner``). Where they disagree with the plan, one of the two is wrong: positions in another
 order, a sense, a unit, times. A disagreement far above the stated uncertainty of the settings is refused before anything is
-calibrated, a smaller one is told.
+calibrated, a smaller one is told; where the result hardly rests on the angles, the former is told too.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,8 @@ from ..errors import DataError
 from ..frames import Array
 from ..plan import Plan, Segment
 from ..recording import Recording
+from .lattice import common_step
+from .rig_readings import TURN, RigReading
 
 COLUMNS = ("outer", "middle", "inner")
 """Columns of a table's angles, from the base to the unit."""
@@ -29,48 +30,14 @@ _RATE_REFUSED = 0.02  # of the planned rate
 _RATE_NOTED = 1e-4  # of it: clocks differ by as much
 _LATE = 0.1  # s that the angle of a turning axis may be read late
 _WHOLE = 0.01  # turns from a whole number of them, within which it does not matter where a turn begins
-_FEWEST = 3  # segments that show that the zero of an axis is another
-_TURN = 2.0 * math.pi
+_AGREE = 2  # segments that show that the zero of an axis is another
+_SEVERAL = 3  # different settings that show a sense
+_SHARE = 0.03  # of the samples of a segment, from which it counts that they are elsewhere
+_COARSEST = math.radians(1.0)  # step of a column that explains a difference
+_PLACES = 100.0  # in which settings can stand between two steps
+_OUTSTANDING = 10.0  # times the refusing limit that settings must reach to show a unit
+_SHOWN = 3  # turning segments told of, at most
 _DEGREE = math.pi / 180.0
-
-
-@dataclass
-class _Line:
-    """Difference of one recorded angle from the plan's over one segment, unwrapped: its line, and how far it moves."""
-
-    start: float
-    angle: float
-    rate: float
-    count: int = 0
-    sums: Array = field(default_factory=lambda: np.zeros(4))
-    first: float = 0.0
-    low: float = math.inf
-    high: float = -math.inf
-    _last: float = 0.0
-
-    def add(self, time: Array, angle: Array) -> None:
-        """Take in the next samples (s, rad); the angle may jump by whole turns."""
-        if self.count == 0:
-            self.first = self._last = float(angle[0] - self.angle - self.rate * (time[0] - self.start))
-        x = time - self.start
-        e = angle - self.angle - self.rate * x
-        e = np.unwrap(np.concatenate([[self._last], e]))[1:]
-        self.count, self._last = self.count + x.size, float(e[-1])
-        self.low, self.high = min(self.low, float(e.min())), max(self.high, float(e.max()))
-        e = e - self.first
-        self.sums += [x.sum(), e.sum(), (x * x).sum(), (x * e).sum()]
-
-    @property
-    def off(self) -> float:
-        """Mean difference, rad, as it was read: whole turns are left in."""
-        return float(self.first + self.sums[1] / self.count)
-
-    @property
-    def rate_off(self) -> float:
-        """Slope of the difference, rad/s; zero where the samples do not tell."""
-        x, e, xx, xe = self.sums / self.count
-        spread = xx - x * x
-        return float((xe - x * e) / spread) if spread > 0 else 0.0
 
 
 class RigAngles:
@@ -87,12 +54,17 @@ class RigAngles:
     def __init__(self, recording: Recording, plan: Plan) -> None:
         self._name, self._plan = recording.name, plan
         here = COLUMNS[: len(plan.rig.axes)] if plan.rig.kind == "turntable" else ()
-        self._lines: dict[tuple[int, int], _Line] = {
-            (i, k): _Line(s.start, angle, s.rates[k])
+        calm = _limits(plan)[0]
+        self._readings: dict[tuple[int, int], RigReading] = {
+            (i, k): RigReading(s.start, angle, s.rates[k], calm)
             for k, column in enumerate(here)
             for i, s in enumerate(plan.segment)
             if column in recording.rig and (angle := getattr(s, column)) is not None
         }
+        self._of_segment: dict[int, list[tuple[str, RigReading]]] = {}
+        for (i, k), reading in self._readings.items():
+            self._of_segment.setdefault(i, []).append((COLUMNS[k], reading))
+        self._starts, self._stops = (np.array([getattr(s, end) for s in plan.segment]) for end in ("start", "stop"))
 
     def add(self, time: Array, rig: Mapping[str, Array]) -> None:
         """Take in the next samples.
@@ -103,48 +75,86 @@ class RigAngles:
         rig : mapping of str to ndarray, shape (n,), rad
             See :class:`sagnac.recording.Batch`.
         """
-        for (i, k), line in self._lines.items():
-            s = self._plan.segment[i]
-            a, b = np.searchsorted(time, [s.start, s.stop])
-            if b > a:
-                line.add(time[a:b], rig[COLUMNS[k]][a:b])
+        if not self._of_segment:
+            return
+        begin, end = np.searchsorted(time, self._starts), np.searchsorted(time, self._stops)
+        for i in np.flatnonzero(end > begin).tolist():
+            part = slice(begin[i], end[i])
+            for column, reading in self._of_segment.get(i, ()):
+                reading.add(time[part], rig[column][part])
 
-    def remarks(self) -> list[str]:
+    def remarks(self, *, tell: bool = False) -> list[str]:
         """Words on what disagrees by little.
+
+        Parameters
+        ----------
+        tell : bool
+            Angles far from the plan's are told as well, as by a method whose result hardly rests on them.
 
         Raises
         ------
         DataError
             When a disagreement is far above what the settings are trusted to, naming the segment, both angles and what would
-            explain it.
+            explain it. Of rates, and of axes that do not rest where they should, in any case.
         """
-        seen = {at: line for at, line in self._lines.items() if line.count}
+        seen = {at: reading for at, reading in self._readings.items() if reading.count}
         if not seen:
             return []
         found = _Compared(self._plan, seen)
         found.refuse_rates()
         said = found.zeros()
-        found.refuse_angles(self._name)
-        return [*said, *found.small()]
+        wrong = found.wrong_angles()
+        if wrong is None:
+            return [*said, *found.small()]
+        text, moves = wrong
+        if moves or not tell:
+            raise DataError(
+                f"{text}. Correct the plan or the columns of {self._name}, which serve this comparison alone"
+            )
+        told = (
+            f"{text}. Told only, as what follows hardly rests on the angles; what does (rig.mount, rig.tilt) is no better than "
+            "they are. Correct the plan, or state rig.angle_uncertainty"
+        )
+        return [*said, told, *found.restless(), *found.turning()]
+
+
+def _limits(plan: Plan) -> tuple[float, float]:
+    """Differences of a setting from which it is told and refused, rad."""
+    sigma = plan.rig.angle_uncertainty
+    if not sigma > 0:
+        return _PLAIN_NOTED, _PLAIN_REFUSED
+    return max(_NOTED * sigma, _LEAST_NOTED), max(_REFUSED * sigma, _LEAST_REFUSED)
 
 
 class _Compared:
     """All readings of a recording beside the plan's."""
 
-    def __init__(self, plan: Plan, lines: Mapping[tuple[int, int], _Line]) -> None:
-        sigma = plan.rig.angle_uncertainty
-        self.noted = max(_NOTED * sigma, _LEAST_NOTED) if sigma > 0 else _PLAIN_NOTED
-        self.refused = max(_REFUSED * sigma, _LEAST_REFUSED) if sigma > 0 else _PLAIN_REFUSED
+    def __init__(self, plan: Plan, lines: Mapping[tuple[int, int], RigReading]) -> None:
         self.plan, self.lines = plan, lines
         own = list(plan.rig.axes)
         self.names = [n if n == c else f"{n} (column {c})" for n, c in zip(own, COLUMNS, strict=False)]
+        self.step = np.array([self._step(k) for k in range(len(COLUMNS))])
+        noted, refused = _limits(plan)
+        self.noted, self.refused = noted + self.step / 2.0, refused + self.step / 2.0
         n = len(plan.segment), len(COLUMNS)
         self.planned, self.read, self.off = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
         for (i, k), line in lines.items():
-            if not plan.segment[i].rates[k]:  # of an axis that stands
-                self.planned[i, k], self.read[i, k] = line.angle, line.angle + line.off
-                self.off[i, k] = _less_turns(line.off)
+            if not line.rate:  # of an axis that stands
+                rests = line.away(self.refused[k]) <= _SHARE
+                off = line.off if rests else line.mean
+                self.planned[i, k], self.read[i, k] = line.angle, line.angle + off
+                self.off[i, k] = _less_turns(off)
         self.zero = np.zeros(len(COLUMNS))
+
+    def _step(self, k: int) -> float:
+        """Step of a column, zero where settings on another raster do not show that it rounds."""
+        here = [line for (_, j), line in self.lines.items() if j == k]
+        step = common_step(np.array([line.first for line in here]))
+        if not 0 < step <= _COARSEST:
+            return 0.0
+        raster = np.array([line.angle for line in here]) / step
+        alike = np.unique(np.round((raster % 1.0) * _PLACES) % _PLACES, return_counts=True)[1]
+        return step if alike.max() <= len(here) / 2 else 0.0
 
     def segment(self, i: int) -> Segment:
         return self.plan.segment[i]
@@ -152,16 +162,18 @@ class _Compared:
     def refuse_rates(self) -> None:
         """Refuse axes that turn at another rate than the plan's."""
         for (i, k), line in self.lines.items():
-            rate = line.rate
-            if rate and abs(line.rate_off) > _RATE_REFUSED * abs(rate):
+            rate, s = line.rate, self.segment(i)
+            # a column tells no rate better than its angles over the length of the segment
+            limit = _RATE_REFUSED * abs(rate) + self.refused[k] / (s.stop - s.start)
+            if rate and abs(line.rate_off) > limit:
                 seen = rate + line.rate_off
                 cause = (
                     "the sense of the rate, or of the column, is reversed"
-                    if abs(seen + rate) < _RATE_REFUSED * abs(rate)
+                    if abs(seen + rate) < limit
                     else "the rate or the segment's times are wrong"
                 )
                 raise DataError(
-                    f"segment {self.segment(i).name!r}: the plan turns {self.names[k]} at {rate / _DEGREE:.6g} deg/s, the rig "
+                    f"segment {s.name!r}: the plan turns {self.names[k]} at {rate / _DEGREE:.6g} deg/s, the rig "
                     f"recorded {seen / _DEGREE:.6g} deg/s: {cause}. Correct the plan or the column"
                 )
 
@@ -170,31 +182,37 @@ class _Compared:
         out = []
         for k in range(len(COLUMNS)):
             known = np.flatnonzero(np.isfinite(self.off[:, k]))
-            if known.size < _FEWEST:
-                continue
             off = self.off[known, k]
-            alike = np.abs(_wrapped(off[:, None] - off)) < 2.0 * self.noted
-            usual = int(np.argmax(alike.sum(axis=1)))
-            zero = float(off[usual] + np.mean(_wrapped(off[alike[usual]] - off[usual])))
-            if alike[usual].sum() <= known.size / 2 or abs(zero) < self.noted:
+            found = _common(off, 2.0 * self.noted[k], self.noted[k]) or _common(off, self.refused[k], self.refused[k])
+            if found is None:
                 continue
+            zero, alike = found
             self.zero[k] = zero
             self.off[known, k] = _wrapped(off - zero)
+            planned = self.planned[known, k]
+            still = np.abs(_wrapped(planned - planned[0])).max() < self.noted[k]
             out.append(
                 f"{self.names[k]} as the rig recorded it is {_deg(zero)} more than the plan says, in "
-                f"{'all' if alike[usual].all() else alike[usual].sum()} segments: the column counts from another zero, or the "
-                "plan's angles do; the plan's are used"
+                f"{'all' if alike == known.size else alike} segments: the column counts from another zero, or the "
+                f"plan's angles do; the plan's are used{self._untold(k) if still else ''}"
             )
         return out
 
-    def refuse_angles(self, name: str) -> None:
-        """Refuse standing axes that stand elsewhere."""
+    def _untold(self, k: int) -> str:
+        return (
+            f". Make sure of it: the plan never sets {self.names[k]} to another angle, so nothing tells another zero from a "
+            f"unit that stood {_deg(float(self.zero[k]))} from where the plan has it, and then all that rests on the angles is "
+            "wrong by as much"
+        )
+
+    def wrong_angles(self) -> tuple[str, bool] | None:
+        """Words on standing axes that stand elsewhere, and whether they move; None where there is none."""
         bad = np.abs(self.off) > self.refused
         if not bad.any():
-            return
-        cause = next(
-            filter(None, (find(bad) for find in (self._unit, self._sense, self._axes, self._moves, self._order)))
-        )
+            return None
+        moves = self._moves(bad)
+        finds = (self._unit, self._sense, self._axes)
+        cause = next(filter(None, (find(bad) for find in finds)), "") or moves or self._order(bad)
         i, k = (int(v) for v in np.unravel_index(np.nanargmax(np.where(bad, np.abs(self.off), np.nan)), bad.shape))
         others = int(bad.any(axis=1).sum()) - 1
         more = (
@@ -202,27 +220,38 @@ class _Compared:
             if others
             else ""
         )
-        raise DataError(
+        text = (
             f"segment {self.segment(i).name!r}: the plan says {self.names[k]} {_deg(self.planned[i, k])}, the rig recorded "
-            f"{_deg(self.read[i, k])}{more}: {cause}. Correct the plan or the columns of {name}, "
-            "which serve this comparison alone"
+            f"{_deg(self.read[i, k])}{more}: {cause}"
         )
+        return text, bool(moves)
 
     def _unit(self, _: NDArray[np.bool_]) -> str:
         """Whether all readings are degrees for radians, or the other way round."""
+        if np.nanmax(np.abs(self.planned) / self.refused) < _OUTSTANDING:
+            return ""  # of angles near zero nothing is seen
         for ratio, words in ((1.0 / _DEGREE, "deg but are taken as rad"), (_DEGREE, "rad but are taken as deg")):
             left = self.read - ratio * self.planned
-            if np.nanmax(np.abs(_wrapped(left / ratio))) < self.refused:
+            if np.nanmax(np.abs(_wrapped(left / ratio)) / self.refused) < 1.0:
                 return f"the numbers of the columns look like {words}: check their unit"
         return ""
 
     def _sense(self, bad: NDArray[np.bool_]) -> str:
-        """Whether axes count the other way."""
-        wrong = np.flatnonzero(bad.any(axis=0))
-        other = np.abs(_wrapped(self.read + self.planned))[:, wrong]
-        if np.nanmax(other) > self.refused:
+        """Whether axes count the other way, be it from another zero."""
+        words = [self._reversed(int(k)) for k in np.flatnonzero(bad.any(axis=0))]
+        return ", ".join(words) if all(words) else ""
+
+    def _reversed(self, k: int) -> str:
+        known = np.isfinite(self.off[:, k])
+        other = _wrapped(self.read[known, k] + self.planned[known, k])
+        text = f"{self.names[k]} counts the other way in the plan than in its column"
+        if np.abs(other).max() < self.refused[k]:
+            return text
+        found = _common(other, self.refused[k], self.refused[k])
+        settings = np.unique(np.round(_wrapped(self.planned[known, k]) / self.refused[k]))
+        if found is None or found[1] < other.size or settings.size < _SEVERAL:
             return ""
-        return ", ".join(f"{self.names[k]} counts the other way in the plan than in its column" for k in wrong)
+        return f"{text}, and from another zero ({_deg(found[0])})"
 
     def _axes(self, bad: NDArray[np.bool_]) -> str:
         """Whether two axes are exchanged."""
@@ -231,7 +260,7 @@ class _Compared:
             return ""
         a, b = wrong
         crossed = np.abs(_wrapped(self.read[:, [a, b]] - self.planned[:, [b, a]]))
-        if not np.nanmax(crossed) < self.refused:
+        if not np.nanmax(crossed / self.refused[[a, b]]) < 1.0:
             return ""
         return f"{self.names[a]} and {self.names[b]} are exchanged"
 
@@ -239,11 +268,17 @@ class _Compared:
         """Whether the axes move within the segments that disagree."""
         for i, k in np.argwhere(bad).tolist():
             line = self.lines[i, k]
-            if line.high - line.low > self.refused:
-                return (
-                    f"{self.names[k]} goes from {_deg(line.angle + line.low)} to {_deg(line.angle + line.high)} within segment "
-                    f"{self.segment(i).name!r}: its start and stop lie beside its rest"
-                )
+            share = line.away(self.refused[k])
+            if share <= _SHARE:
+                continue
+            low, high = line.extent
+            name = repr(self.segment(i).name)
+            why = (
+                "its start and stop lie beside its rest"
+                if line.moves_at_ends(self.refused[k])
+                else f"it moved, or {100.0 * share:.2g} % of the column is wrong"
+            )
+            return f"{self.names[k]} goes from {_deg(line.angle + low)} to {_deg(line.angle + high)} within segment {name}: {why}"
         return ""
 
     def _order(self, bad: NDArray[np.bool_]) -> str:
@@ -269,7 +304,8 @@ class _Compared:
         """Whether what was recorded in one segment is what the plan says of another."""
         apart = np.abs(_wrapped(self.read[i] - self.zero - self.planned[j]))
         known = np.isfinite(apart)
-        return bool(known.any() and known.sum() == np.isfinite(self.off[i]).sum() and apart[known].max() < self.refused)
+        near = bool(np.all(apart[known] < self.refused[known]))
+        return near and bool(known.any()) and known.sum() == np.isfinite(self.off[i]).sum()
 
     def _stood_as(self, i: int) -> int | None:
         """The nearest other segment whose plan fits what was recorded in this one."""
@@ -280,45 +316,80 @@ class _Compared:
     def small(self) -> list[str]:
         """Words on what disagrees by less."""
         out = []
-        size = np.abs(self.off)
-        if np.nanmax(size, initial=0.0) > self.noted:
-            i, k = (int(v) for v in np.unravel_index(np.nanargmax(size), size.shape))
+        times = np.abs(self.off) / self.noted
+        if np.nanmax(times, initial=0.0) > 1.0:
+            i, k = (int(v) for v in np.unravel_index(np.nanargmax(times), times.shape))
             out.append(
-                f"the angles that the rig recorded differ from the plan's by up to {_deg(float(size[i, k]))} ({self.names[k]} in "
-                f"segment {self.segment(i).name!r}): state rig.angle_uncertainty so, or correct the plan; the plan's are used"
+                f"the angles that the rig recorded differ from the plan's by up to {_deg(abs(float(self.off[i, k])))} "
+                f"({self.names[k]} in segment {self.segment(i).name!r}): state rig.angle_uncertainty so, or correct the plan; "
+                "the plan's are used"
             )
-        out += self._moving()
-        turning = [self._turned(i, k, line) for (i, k), line in self.lines.items() if line.rate]
-        return out + [text for text in turning if text][:_FEWEST]
+        return [*out, *self.restless(), *self.turning()]
 
-    def _moving(self) -> list[str]:
-        for (i, k), line in self.lines.items():
-            if not line.rate and line.high - line.low > self.refused:
-                text = (
-                    f"{self.names[k]} moves by {_deg(line.high - line.low)} within segment {self.segment(i).name!r}, which is "
-                    "said to stand: check its start and stop"
-                )
-                return [text]
-        return []
+    def restless(self) -> list[str]:
+        """Words on axes that move a little, and on samples that stand out."""
+        moving = [self._moving(i, k, line) for (i, k), line in self.lines.items() if not line.rate]
+        strays = [self._stray(i, k, line) for (i, k), line in self.lines.items() if not line.rate]
+        out = [text for text in moving if text][:1]
+        bad = [text for text in strays if text]
+        if bad:
+            more = f" ({len(bad) - 1} more segments with such)" if len(bad) > 1 else ""
+            out.append(f"{bad[0]}{more}")
+        return out
 
-    def _turned(self, i: int, k: int, line: _Line) -> str:
+    def _moving(self, i: int, k: int, line: RigReading) -> str:
+        low, high = line.extent
+        if not line.moves_at_ends(self.refused[k]):
+            return ""
+        return (
+            f"{self.names[k]} moves by {_deg(high - low)} within segment {self.segment(i).name!r}, which is said to stand: "
+            "check its start and stop"
+        )
+
+    def _stray(self, i: int, k: int, line: RigReading) -> str:
+        stray = line.stray
+        if abs(stray.off) < self.refused[k] or line.moves_at_ends(self.refused[k]):
+            return ""
+        return (
+            f"{self.names[k]} as the rig recorded it jumps in segment {self.segment(i).name!r}: {_deg(stray.shown)} at "
+            f"{stray.time:.10g} s, {_deg(abs(stray.off))} from where it stands; such samples are left out of the comparison"
+        )
+
+    def turning(self) -> list[str]:
+        """Words on axes that turn."""
+        out = [self._turned(i, k, line) for (i, k), line in self.lines.items() if line.rate]
+        return [text for text in out if text][:_SHOWN]
+
+    def _turned(self, i: int, k: int, line: RigReading) -> str:
         """Words on an axis that turns: its rate, or where it was at the start of a turn that is not whole."""
         s = self.segment(i)
         length = s.stop - s.start
-        slow = max(_NOTED * self.plan.rig.rate_uncertainty, _RATE_NOTED) * abs(line.rate) + self.noted / length
-        if abs(line.rate_off) > slow:
+        slow = max(_NOTED * self.plan.rig.rate_uncertainty, _RATE_NOTED) * abs(line.rate) + self.noted[k] / length
+        if line.changes and abs(line.rate_off) > slow:
             return (
                 f"segment {s.name!r}: the rig recorded {self.names[k]} turning at {(line.rate + line.rate_off) / _DEGREE:.7g} "
                 f"deg/s, the plan says {line.rate / _DEGREE:.7g} deg/s; the plan's is used"
             )
-        turns = line.rate * length / _TURN
+        turns = line.rate * length / TURN
         off = _less_turns(line.off - float(self.zero[k]))
-        if abs(turns - round(turns)) < _WHOLE or abs(off) < self.refused + _LATE * abs(line.rate):
+        if abs(turns - round(turns)) < _WHOLE or abs(off) < self.refused[k] + _LATE * abs(line.rate):
             return ""
         return (
             f"segment {s.name!r}: the rig recorded {self.names[k]} {_deg(off)} from where the plan has it, which matters as the "
             "segment is no whole number of turns; the plan's angle is used"
         )
+
+
+def _common(off: Array, alike: float, least: float) -> tuple[float, int] | None:
+    """Angle that most differences share to within some, where it is more than the least, and how many they are."""
+    if off.size < _AGREE:
+        return None
+    order = np.sort(np.concatenate([off - TURN, off, off + TURN]))
+    usual = off[np.argmax(np.searchsorted(order, off + alike) - np.searchsorted(order, off - alike, side="right"))]
+    apart = _wrapped(off - usual)
+    near = np.abs(apart) < alike
+    zero = _less_turns(float(usual + np.median(apart[near])))
+    return (zero, int(near.sum())) if near.sum() > off.size / 2 and abs(zero) >= least else None
 
 
 def arm_remarks(
@@ -366,11 +437,11 @@ def arm_remarks(
 
 def _wrapped(angle: Array) -> Array:
     """Less whole turns, between minus and plus half a turn."""
-    return np.asarray(angle - _TURN * np.round(angle / _TURN))
+    return np.asarray(angle - TURN * np.round(angle / TURN))
 
 
 def _less_turns(angle: float) -> float:
-    return math.remainder(angle, _TURN)
+    return math.remainder(angle, TURN)
 
 
 def _deg(angle: float) -> str:

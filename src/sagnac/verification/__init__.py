@@ -99,8 +99,9 @@ def _verified(calibration: Calibration, recording: Recording, plan: Plan | None,
     models = corrections(calibration, recording)
     site = plan or Plan(latitude=calibration.site.latitude, gravity=calibration.site.gravity)
     if site.segment:
-        means = segment_means(recording, site)
-        if all(triad_of(calibration.values(), kind) is None for kind in models):
+        biases = all(triad_of(calibration.values(), kind) is None for kind in models)
+        means = segment_means(recording, site, rig="refuse" if biases else "tell")  # norms hardly rest on the angles
+        if biases:
             if any(m.terms for m in models.values()):
                 raise DataError(
                     f"this calibration by {calibration.method} holds terms but no whole triad with scale and misalignment: "

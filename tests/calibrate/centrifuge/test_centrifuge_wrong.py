@@ -202,3 +202,14 @@ def test_harmonics_are_asked_for_as_the_plan_needs_them():
     assert np.isfinite(harmonics_of(run, changed(plan(), arm_phase=None)).measured_rate).all()
     short = plan(hold=1.0)
     assert not harmonics_of(record(short, seed=None), short).extended
+
+
+def test_an_arm_column_that_is_off_is_named_where_the_fit_fails(two):
+    (batch,) = record(two, arm=True).batches()
+    column = {"arm": batch.rig["arm"] + math.radians(0.5)}
+    run = from_arrays(batch.time, single=batch.single, rig=column, name="run")
+    said = (
+        r"ahead of arm_phase, or of the column arm.*\nNoted before: .*the column arm stands at .*; the column is used"
+    )
+    with pytest.raises(DataError, match=said):
+        calibrate("centrifuge", run, two)

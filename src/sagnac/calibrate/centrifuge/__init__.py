@@ -112,10 +112,10 @@ def calibrate_harmonics(
     except AmbiguousError:
         raise  # the data do fit the plan, and more than once
     except DataError:
-        explain.refuse_poor(task, solve, np.inf)
+        explain.refuse_poor(task, solve, np.inf, remarks)
         raise
     if fitted.estimate.p_value < _POOR and not robust:
-        explain.refuse_poor(fitted.task, solve, fitted.misfit)
+        explain.refuse_poor(fitted.task, solve, fitted.misfit, remarks)
     explain.refuse_no_gain(fitted)
     return _with_noise(report(fitted, plan, recording, harmonics.span, remarks), task, harmonics, plan)
 

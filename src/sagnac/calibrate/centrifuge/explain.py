@@ -6,7 +6,7 @@ plan read otherwise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -254,7 +254,7 @@ Solve = Callable[[Task], Fitted]
 _Attempt = tuple[Callable[[Fitted], str], Callable[[], Fitted]]
 
 
-def refuse_poor(task: Task, solve: Solve, misfit: float) -> None:
+def refuse_poor(task: Task, solve: Solve, misfit: float, remarks: Sequence[str] = ()) -> None:
     """After a poor fit, refuse the plan where another reading of it explains the data, naming that reading.
 
     Parameters
@@ -264,6 +264,8 @@ def refuse_poor(task: Task, solve: Solve, misfit: float) -> None:
         Fits a task, with the arm's angle as planned or, where it is unknown, found anew.
     misfit : float
         Chi-square for each degree of freedom of the fit as planned; infinite where it failed.
+    remarks : sequence of str
+        What was noted before, on the arm's column for one, which may be the cause.
 
     Raises
     ------
@@ -280,7 +282,8 @@ def refuse_poor(task: Task, solve: Solve, misfit: float) -> None:
     least = min(left for left, _ in explained)
     words = " or ".join([w for left, w in explained if left < 1.2 * least][:3])
     by = f" by {np.sqrt(misfit):.3g} times what noise and stated uncertainty allow" if np.isfinite(misfit) else ""
-    raise DataError(f"the harmonics miss the plan{by}, but fit if {words}. Correct the plan")
+    before = f"\nNoted before: {'; '.join(remarks)}" if remarks else ""
+    raise DataError(f"the harmonics miss the plan{by}, but fit if {words}. Correct the plan{before}")
 
 
 def _failed(solve: Solve, task: Task) -> bool:
@@ -319,8 +322,8 @@ def _attempts(task: Task, solve: Solve) -> Iterator[_Attempt]:
         if "rig.phase_error" not in named:
             yield (
                 lambda other: (
-                    f"the arm is {np.degrees(other['rig.phase_error']):.3g} deg ahead of arm_phase (or state "
-                    "rig.phase_uncertainty)"
+                    f"the arm is {np.degrees(other['rig.phase_error']):.3g} deg ahead of arm_phase, or of the column arm "
+                    "where there is one (or state rig.phase_uncertainty)"
                 ),
                 partial(fit, task, freed(turning, "phase", seen, task.segments)),
             )
