@@ -28,6 +28,7 @@ PATIENCE = 120.0  # s, for what takes no time on a quiet machine
 
 # A driver as a process of its own, that says how far it is.
 DRIVER = """
+import signal
 import sys
 from pathlib import Path
 from campaign_jobs import Draw, store
@@ -35,6 +36,7 @@ from sagnac.campaign.engine import run
 from sagnac.campaign.progress import Watch
 from sagnac.errors import InputError
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # tests that a shell runs in the background inherit that it is ignored
 folder, scheduler, gate = sys.argv[1:]
 
 def say(*words):
