@@ -137,6 +137,15 @@ def test_stretches_between_gaps_are_pooled():
     assert found.interval == pytest.approx(DT, rel=1e-9)
 
 
+def test_a_log_that_loses_every_tenth_sample_is_refused_with_the_reason():
+    batch = gyros(20_000).read()
+    keep = np.arange(20_000) % 10 != 5
+    with pytest.raises(
+        DataError, match=r"too few to tell .* by its times the log has \d+ gaps: look at what loses samples"
+    ):
+        study(from_arrays(batch.time[keep], gyro=batch.gyro[keep]))
+
+
 def test_a_window_of_the_log():
     found = study(gyros(), start=100.0, stop=500.0)
     assert found.samples == 40_000

@@ -337,8 +337,11 @@ class _Reader:
         if self._ledger is None or not (runs if given.bridged else max(stretches, default=0) >= SHORTEST):
             few = [n for r in self._runs for n in r.lengths]
             found = max(few, default=sum(t.size for t, _, _ in self._pending))
+            gaps = len(self._clock.gaps)
+            parted = f"; by its times the log has {gaps} gaps: look at what loses samples, or how they are stamped"
             raise DataError(
                 f"{name}: {found} samples without a gap are too few to tell anything of their noise (at least {SHORTEST})"
+                + (parted if gaps > 1 else "")
             )
         interval = (self._last - self._first - self._clock.lost) / (self._count - 1)
         kept = [
