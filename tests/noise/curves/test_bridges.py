@@ -347,3 +347,26 @@ def test_a_spectrum_with_the_temperature_taken_off_is_filled_too():
     assert corrected is not None
     assert corrected.density[:, 0] == pytest.approx(plain.density[:, 0], rel=1e-3)
     assert plain.density[plain.frequency < 5.0].mean() == pytest.approx(2 * DT, rel=0.1)
+
+
+def test_one_loss_in_a_log_with_gaps_leaves_the_other_stretches_whole():
+    """What the run with the loss tells across it is not taken for another stretch of half as many differences."""
+    starts, each = 21_000 * np.arange(10)[:, None], 20_000
+    time = (starts + np.arange(each)).ravel() * 0.01
+    rng = np.random.default_rng(3)
+    keep = np.arange(time.size) != 9 * each + 7777
+    found = variances_of(gather(from_arrays(time[keep], gyro=rng.normal(size=(time.size, 3))[keep])), 0, "allan")
+    own = [s for s in layout(found, _octaves(found)).stretches if s.samples == each and s.counts[0] > 0]
+    assert [(s.often, s.counts[0]) for s in own] == [(9, each - 1)]  # SP 1065: n + 1 - 2 m differences of each, m = 1
+
+
+def test_a_stream_tells_all_differences_beside_a_rare_loss():
+    n, rng = 150_000, np.random.default_rng(8)
+    y, keep = rng.normal(size=(n, 1)), np.arange(n) != 1000
+    stream = Stream(1.0, 1, ("allan",), per_octave=2, shortest=64)
+    stream.add(y[:1000])
+    stream.loss(1)
+    stream.add(y[1001:])
+    run = run_of(y[:, 0], keep)
+    found = stream.done()["allan"][0].result(given([run]))
+    assert found.count[0] > 0.999 * n

@@ -86,7 +86,7 @@ class Stream:
     def __init__(self, interval: float, axes: int, kinds: Sequence[str], *, per_octave: int, shortest: int) -> None:
         self._interval, self._axes, self._kinds, self._per_octave = interval, axes, tuple(kinds), per_octave
         self._shortest = shortest
-        self._pieces = {k: Pieces(k, axes, "pyramid", per_octave=per_octave, most=_HELD + SHORT) for k in kinds}
+        self._pieces = {k: Pieces(k, axes, "pyramid", per_octave=per_octave, most=2 * _HELD + SHORT) for k in kinds}
         self._told: dict[str, list[list[Variances]]] = {k: [[] for _ in range(axes)] for k in kinds}
         self._across: dict[str, list[list[Variances]]] = {k: [[] for _ in range(axes)] for k in kinds}
         self._refused: dict[str, list[DataError | None]] = {k: [None] * axes for k in kinds}
@@ -107,8 +107,10 @@ class Stream:
         ----------
         values : ndarray, shape (n, axes)
         """
-        if not len(values):
-            return
+        for i in range(0, len(values), _HELD):  # what is held stays small, however much comes at once
+            self._add(values[i : i + _HELD])
+
+    def _add(self, values: Array) -> None:
         self._count += len(values)
         if self._held is None:
             self._feed([values[:, k] for k in range(self._axes)])

@@ -96,10 +96,11 @@ def layout(v: Variances, used: list[int] | None = None) -> Layout:
     given = [(n, counts[pick], k) for (n, counts), k in zip(parts, often, strict=True) if counts[pick].any()]
     given.sort(key=lambda s: s[0])
     few = len({n for n, _, _ in given}) <= _MOST_LENGTHS
-    groups: dict[tuple[int, int], list[tuple[int, NDArray[np.int64], int]]] = {}
+    groups: dict[tuple[int, bytes], list[tuple[int, NDArray[np.int64], int]]] = {}
     for n, counts, k in given:
-        # of many lengths, those of an octave that reach the same averaging times: their mean reaches these as well
-        key = (n, 0) if few else (math.floor(math.log2(n)), int(np.count_nonzero(counts)))
+        # of many lengths, those of an octave that tell the same averaging times: their mean tells these as well; what a run
+        # tells between its losses and across them never goes together, that would be two runs of half the differences
+        key = (n if few else math.floor(math.log2(n)), (counts > 0).tobytes())
         groups.setdefault(key, []).append((n, counts, k))
     stretches = []
     for group in groups.values():
