@@ -137,6 +137,17 @@ def test_stretches_between_gaps_are_pooled():
     assert found.interval == pytest.approx(DT, rel=1e-9)
 
 
+def test_the_longest_losses_that_are_bridged_are_told_as_such_alone():
+    batch = gyros(60_000).read()
+    keep = np.ones(60_000, dtype=bool)
+    for first in range(2000, 60_000, 6000):
+        keep[first : first + 64] = False
+    found = study(from_arrays(batch.time[keep], gyro=batch.gyro[keep]))
+    gap = next(d for d in found.disturbances if d.kind == "gap")
+    assert "640 samples lost in 10 places" in gap.text
+    assert "pooled" not in gap.text
+
+
 def test_a_log_that_loses_every_tenth_sample_is_refused_with_the_reason():
     batch = gyros(20_000).read()
     keep = np.arange(20_000) % 10 != 5

@@ -163,7 +163,7 @@ def _gaps(found: Gathered) -> list[Disturbance]:
     if not found.gaps:
         return []
     lost, interval = found.losses, found.interval
-    long_ = [g for g in found.gaps if not lost.bridged or g[1] > (SHORT + 1) * interval]
+    long_ = [g for g in found.gaps if not lost.bridged or round(g[1] / interval) - 1 > SHORT]
     parts: list[str] = []
     if lost.bridged:
         places = "1 place" if lost.places == 1 else f"{lost.places} places"
